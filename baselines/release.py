@@ -30,7 +30,7 @@ from glbench.evaluation.jobs import Job as EvaluationJob
 from glbench.evaluation.jobs import Options
 from glbench.evaluation.profiles import profile_path
 from glbench.evaluation.records import git_state
-from glbench.leaderboard.collect import read_folder, same_runs
+from glbench.leaderboard.collect import StoredResult, read_folder, same_runs
 from glbench.resources import write_atomically
 from glbench.tasks import get_task, list_tasks
 from glbench.verification import proof_path, save_proof, verify
@@ -203,7 +203,7 @@ def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:
     if kernel["backend"] not in ("compiled", "discrete"):  # the second steps models that are maps, and has nothing to compile
         msg = f"the model was stepped by '{kernel['backend']}': a release needs a C++ compiler"
         raise ResultError(msg)
-    for item in read_folder(work / "results")[0]:
+    for item in results_in(work):
         other = item.result.evaluation.kernel
         if model_of(item.result) == model_of(result) and other.get("library_digest") != kernel.get("library_digest"):
             msg = f"its kernel is another build than that of {item.path}; remove {work} and start again"
@@ -211,6 +211,11 @@ def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:
     if job.released not in (None, result.results_digest) and not new_digests and not is_kept(job, result):
         msg = f"results_digest {result.results_digest[:12]}, released {job.released[:12]}: the scores differ (--new-digests accepts that)"
         raise ResultError(msg)
+
+
+def results_in(work: Path) -> list[StoredResult]:
+    """All results in ``work``: those of all runs of a task, and those of its first runs."""
+    return [item for folder in (work, work / TRIALS) for item in read_folder(folder / "results")[0]]
 
 
 def is_kept(job: Job, result: Result) -> bool:
@@ -238,7 +243,7 @@ def is_released(job: Job, out: Path, work: Path) -> bool:
 
 def unlike(out: Path, work: Path) -> list[str]:
     """Results in ``out`` that stem from another build of the kernel than those in ``work``."""
-    ours = [item.result for item in read_folder(work / "results")[0]]
+    ours = [item.result for item in results_in(work)]
     builds = {model_of(result): result.evaluation.kernel.get("library_digest") for result in ours}
     names = []
     for item in read_folder(out / "results")[0]:

@@ -553,7 +553,7 @@ def audit_run(task: Task, run: Run, metrics: Mapping[str, float], *, direct: boo
 
 
 def audit(path: Path, most: int | None, task_file: str | None) -> list[str]:
-    """Audit a result; sentences about what agrees."""
+    """Audit a result, or the first ``most`` runs of it; sentences about what agrees."""
     result = json.loads(path.read_text(encoding="utf-8"))
     runs, seeds, (name, digest) = result["runs"], result["evaluation"]["seeds"], (result["task"][one] for one in ("id", "digest"))
     if result["task"].get("salt_commitment") or not result["record"]:
@@ -577,7 +577,7 @@ def audit(path: Path, most: int | None, task_file: str | None) -> list[str]:
         if given["status"] == "simulation_failed" or (given["status"] == "ok") != (given["steps"] == task.steps):
             end(CANNOT, f"run {given['seed']} is {given['status']} after {given['steps']} steps, which is not covered")
         words.append(audit_run(task, run, given["metrics"], direct=provenance["agent"]["acts"] == "controls"))
-    return [*words, "agrees"]
+    return [*words, f"agrees ({len(words)} of {len(runs)} runs)"] if words else end(CANNOT, "no run to audit: --runs must be at least 1")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -587,7 +587,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--task", help="file of a task that glbench does not ship")
     options, code = parser.parse_args(arguments), 0
     try:
-        words = audit(options.result, options.runs, options.task)
+        words = audit(options.result, options.runs and max(options.runs, 0), options.task)
     except VerdictError as verdict:
         code, words = verdict.args[0], [f"{'differs' if verdict.args[0] == DIFFERS else 'cannot be audited'}: {verdict.args[1]}"]
     except Exception as error:  # whatever a strange file brings

@@ -28,6 +28,7 @@ from typing import Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from glbench import __version__
 from glbench.errors import GlbenchError, TaskError, did_you_mean, refuse
 from glbench.evaluation import Progress, Result, load_result, prepare, protect, result_path
 from glbench.evaluation.evaluation import TRIALS, VALIDATION
@@ -211,11 +212,13 @@ def agent_name(design: Design, cell: Cell, kind: str, seed: int = 0) -> str:
 
 
 def read_result(design: Design, work: Path, task_id: str, agent: str) -> Result | None:
-    """The result of an agent, with the most runs where there are two: glbench keeps trials, of fewer runs than the task has, apart."""
+    """The result of an agent, if any. glbench keeps trials, with fewer runs than the task has, in another folder. Of two results of the
+    agent's latest version, this is the one with more runs."""
     folders = [work / VALIDATION] if design.split == "validation" else [work, work / TRIALS]
     files = [result_path(folder, task_id, agent) for folder in folders]
     results = [load_result(file) for file in files if file.is_file()]
-    return max(results, key=lambda result: len(result.runs), default=None)
+    latest = max(results, key=lambda result: result.created, default=None)
+    return latest and max((one for one in results if one.agent.digest == latest.agent.digest), key=lambda result: len(result.runs))
 
 
 def read_design(source: Path, changes: Mapping[str, Any] | None = None) -> Design:
@@ -369,10 +372,11 @@ def _evaluate(study: Study, agents: Agents, executor: Executor, tasks: Mapping[s
     for (name, agent), (_, ref, runs) in agents.items():
         task = in_split_of_evaluations(tasks[name], study.design.split)
         try:
-            if _holds(read_result(study.design, study.work, task.id, agent), task, runs):
+            start = protect(ref, "none")
+            if _holds(read_result(study.design, study.work, task.id, agent), task, start.agent.digest, runs):
                 log.ended(f"{name}  {agent}: was evaluated")
             else:
-                missing.append(Job(task, ref, protect(ref, "none"), Options(study.work, runs)))
+                missing.append(Job(task, ref, start, Options(study.work, runs)))
         except GlbenchError as error:
             log.ended(f"{name}  {agent}", error)
 
@@ -389,12 +393,12 @@ def _evaluate(study: Study, agents: Agents, executor: Executor, tasks: Mapping[s
             log.ended(f"{words}: {np.mean(values):.2f} EUR/m2, mean of {len(values)} runs, {seconds:,.0f} s")
 
 
-def _holds(result: Result | None, task: TaskSpec, runs: int) -> bool:
-    """Whether a result is of this task and split, with the first ``runs`` runs at least."""
-    if result is None:
+def _holds(result: Result | None, task: TaskSpec, agent: str, runs: int) -> bool:
+    """Whether a result is of this version of glbench, this task and split and the agent with this digest, and has ``runs`` runs or more."""
+    if result is None or len(result.evaluation.seeds) < runs:
         return False
-    same = (result.task.digest, result.task.split, result.evaluation.seeds[0]) == (task.digest, task.split, task.evaluation.first_seed)
-    return same and len(result.evaluation.seeds) >= runs
+    its = (result.task.digest, result.task.split, result.evaluation.seeds[0], result.agent.digest, result.versions.glbench)
+    return its == (task.digest, task.split, task.evaluation.first_seed, agent, __version__)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,6 +1,7 @@
 """The tables of a study of factors (`benchmarks/factors.py`): conclusions, cells, years and effects, from the results in a work folder.
 
 All figures are in EUR m-2, with 95 % intervals over runs and trainings by `glbench.leaderboard.statistics`. What is not there is left out.
+In `factors.json`, `values` holds an agent's scores: one list per training, in the order of `seeds`, from the first run of the split on.
 """
 
 from __future__ import annotations
@@ -29,11 +30,16 @@ VERDICTS = ("survives", "turns", "not resolved")
 
 @dataclass(frozen=True)
 class Scores:
-    """What an agent earned in a cell: ``values`` (trainings, runs), of the first runs of the split."""
+    """What an agent earned in a cell: ``values`` (trainings, runs), of the first runs of the split; ``seeds`` of its trainings, if any."""
 
     values: Array
-    is_trained: bool
+    seeds: tuple[int, ...] = ()
     failed: int = 0
+
+    def of(self, seeds: Sequence[int], runs: int) -> Array:
+        """Values of the trainings with these seeds, in the first ``runs`` runs; an agent without training repeats its row for each seed."""
+        rows = [self.seeds.index(seed) for seed in seeds] if self.seeds else [0] * max(len(seeds), 1)
+        return self.values[rows, :runs]
 
 
 CellScores = Mapping[str, Scores]  # of a cell, by kind of agent
@@ -53,31 +59,40 @@ def read_scores(design: Design, work: Path, cell: Cell, metric: str) -> dict[str
     """The results of a cell that are there, by kind of agent; of trainings the runs that all of them have."""
     scores = {}
     for kind in (*design.recipes, *design.bases[cell.base].agents):
-        seeds = range(design.trainings) if kind in design.recipes else (0,)
-        agents = [agent_name(design, cell, kind, seed) for seed in seeds]
-        results = [one for agent in agents if (one := read_result(design, work, f"{NAMESPACE}/{cell.task}-v1", agent)) is not None]
+        is_trained = kind in design.recipes
+        agents = {seed: agent_name(design, cell, kind, seed) for seed in range(design.trainings if is_trained else 1)}
+        read = {seed: read_result(design, work, f"{NAMESPACE}/{cell.task}-v1", agent) for seed, agent in agents.items()}
+        results = {seed: one for seed, one in read.items() if one is not None}
         if results:
-            runs = min(len(result.runs) for result in results)
-            values = np.array([result.values(metric)[:runs] for result in results])
-            scores[kind] = Scores(values, kind in design.recipes, sum(len(result.failed) for result in results))
+            runs = min(len(result.runs) for result in results.values())
+            values = np.array([result.values(metric)[:runs] for result in results.values()])
+            scores[kind] = Scores(values, tuple(results) if is_trained else (), sum(len(one.failed) for one in results.values()))
     return scores
+
+
+def paired(scores: Sequence[Scores]) -> list[Array]:
+    """Values of agents, cut to the trainings (matched by seed) and runs that all of them have; empty when they share no training."""
+    trained = [{*one.seeds} for one in scores if one.seeds]
+    seeds, runs = sorted(set[int].intersection(*trained)) if trained else [], min(one.values.shape[1] for one in scores)
+    return [] if trained and not seeds else [one.of(seeds, runs) for one in scores]
 
 
 def contrast(high: Sequence[CellScores], low: Sequence[CellScores], kinds: Kinds) -> tuple[MeanEstimate, Interval] | None:
     """What an agent earns, or the first earns more than the second, in cells ``high``, minus the same in as many cells ``low``, if any.
 
     Runs with the same seed are paired over all cells, and trainings with the same seed are one unit. Returns an estimate, which is half of
-    the effect where both sides have two agents, and the effect with its interval; ``None`` when an agent is missing in a cell.
+    the effect where both sides have two agents, and the effect with its interval; ``None`` when an agent is missing in a cell, or the cells
+    share no training.
     """
     plus, minus = [(cell, kinds[0]) for cell in high], [(cell, kinds[0]) for cell in low]
     for other in kinds[1:]:
         plus, minus = plus + [(cell, other) for cell in low], [(cell, other) for cell in high] + minus
     if any(kind not in cell for cell, kind in plus + minus):
         return None
-    scores = [cell[kind] for cell, kind in plus + minus]
-    runs, trainings = min(one.values.shape[1] for one in scores), min((len(one.values) for one in scores if one.is_trained), default=1)
-    values = [one.values[:trainings, :runs] if one.is_trained else np.repeat(one.values[:, :runs], trainings, axis=0) for one in scores]
-    first, second, seeds = values[: len(plus)], values[len(plus) :], [range(runs)] * len(plus)
+    values = paired([cell[kind] for cell, kind in plus + minus])
+    if not values:
+        return None
+    first, second, seeds = values[: len(plus)], values[len(plus) :], [range(values[0].shape[1])] * len(plus)
     estimate = estimate_difference(first, second, seeds) if second else estimate_mean(first, seeds)
     interval, scale = estimate.interval(), 2.0 if low and len(kinds) > 1 else 1.0
     return estimate, Interval(value=scale * interval.value, low=scale * interval.low, high=scale * interval.high)
@@ -126,9 +141,9 @@ def figures_of(design: Design, work: Path, name: str) -> dict[str, Any]:
     years = np.array(run_years(task, tuple(range(task.evaluation.first_seed, task.evaluation.first_seed + most))))
 
     def figures(kinds: Kinds, key: str, interval: Interval) -> dict[str, Any]:
-        each = [scores[key][kind].values.mean(axis=0) for kind in kinds]
-        runs = min(one.size for one in each)
-        values, of = each[0][:runs] - (each[1][:runs] if len(each) > 1 else 0.0), years[:runs]
+        each = [values.mean(axis=0) for values in paired([scores[key][kind] for kind in kinds])]
+        runs = each[0].size
+        values, of = each[0] - (each[1] if len(each) > 1 else 0.0), years[:runs]
         return interval.model_dump() | {"runs": runs, "by_year": {str(year): float(values[of == year].mean()) for year in np.unique(of)}}
 
     def is_centre(key: str, kinds: Kinds) -> bool:
@@ -137,7 +152,10 @@ def figures_of(design: Design, work: Path, name: str) -> dict[str, Any]:
     document: dict[str, Any] = {"task": base.task, "cells": {}, "conclusions": [], "effects": []}
     for key, of_cell in scores.items():
         agents = {kind: figures((kind,), key, mean[1]) for kind in of_cell if (mean := contrast([of_cell], [], (kind,)))}
-        counts = {kind: {"trainings": len(one.values), "failed_runs": one.failed} for kind, one in of_cell.items()}
+        counts = {
+            kind: {"trainings": len(one.values), "seeds": one.seeds, "failed_runs": one.failed, "values": one.values.tolist()}
+            for kind, one in of_cell.items()
+        }
         levels = dict(cells[key].levels)
         document["cells"][key] = {"levels": levels, "agents": {kind: agents[kind] | counts[kind] for kind in of_cell}, "pairs": {}}
     for pair in design.pairs:
@@ -172,10 +190,15 @@ def write_tables(work: Path) -> str:
 
 def page_of(design: Design, bases: Mapping[str, Any]) -> str:
     """The tables in Markdown."""
-    is_trial = design.trainings < FEWEST_TRAININGS or design.runs < FEWEST_RUNS
+    is_trial = any(
+        one["runs"] < FEWEST_RUNS or (kind in design.recipes and one["trainings"] < FEWEST_TRAININGS)
+        for base in bases.values()
+        for cell in base["cells"].values()
+        for kind, one in cell["agents"].items()
+    )
     parts = [
         f"# Factors: {design.split} split, runs: {design.runs}, trainings: {design.trainings}, steps at budget 1: {design.steps:,}",
-        *(["**A trial and no result**: too few runs or trainings to conclude from."] if is_trial else []),
+        *(["**A trial, not a result**: some agents have too few runs or trainings to draw conclusions from."] if is_trial else []),
         "EUR/m², with 95 % intervals over runs and trainings; where an agent has one training, it stands for itself alone. Verdicts are "
         "corrected for the number of cells, intervals are not.",
     ]

@@ -224,7 +224,8 @@ class LettucePlanner:
             p *= 1.0 + self._half_width * (2.0 * numbers.reshape(p.shape) - 1.0)
         end = (self._step + self._horizon) / self._task.steps_per_day
         worth = np.zeros(len(_SCALES))
-        if self._end_value is not None:  # the profit of the steps ahead has the dry weight at their end, at its price
-            sold = [float(item.price) * item.factor for item in self._task.ledger.items if item.valued == STOCK]
-            worth = self._end_value(self._task, end % 1.0 * 24.0, self._task.weather.days - end)[0] - np.array([*sold, 0.0, 0.0, 0.0])
+        if self._end_value is not None:
+            worth = self._end_value(self._task, end % 1.0 * 24.0, self._task.weather.days - end)[0].copy()
+            if self._end_value.gross:  # the profit of the steps ahead already includes the final dry weight
+                worth[0] -= sum(float(item.price) * item.factor for item in self._task.ledger.items if item.valued == STOCK)
         return np.concatenate([p.ravel(), worth])

@@ -125,7 +125,10 @@ class Search:
         return self.folder / f"{seeds[0]}.npz"
 
     def stored(self) -> list[PlanOutcome]:
-        """The plans found earlier. Raises ``GlbenchError`` when a plan was made for another version of the task, or its file is damaged."""
+        """The plans found earlier. The file of a plan that was made for fewer runs is written again, for all runs with the same conditions.
+
+        Raises ``GlbenchError`` when a plan was made for another version of the task, or its file is damaged.
+        """
         outcomes = []
         for seeds in self.groups:
             file = self.place(seeds)
@@ -134,6 +137,9 @@ class Search:
                 reason = book.why_not(self.task)
                 if reason is not None:
                     refuse(f"The plans in {file} are not for {self.task.id}: {reason}. Choose another folder with --out.", GlbenchError)
+                if not {*seeds} <= {*book.runs}:  # made for fewer runs with the same conditions
+                    book = replace(book, runs={**book.runs, **dict.fromkeys(seeds, book.runs[seeds[0]])})
+                    book.save(file)
                 outcomes.append(PlanOutcome.of_book(seeds, book, stored=True))
         return outcomes
 

@@ -249,7 +249,7 @@ class TrainingBar(Bar):
 def seasons_in_words(task: TaskSpec, evaluation: EvaluationPlan) -> str:
     """The seasons in which a training evaluates its policies."""
     where = "with seeds that are not scored" if task.chosen_on.split is None else f"of the {task.chosen_on.split} split"
-    return f"{count(len(evaluation.seeds(task)), 'season')} {where}"
+    return f"{count(len(evaluation.seeds(task.chosen_on)), 'season')} {where}"
 
 
 def _duration(seconds: float) -> str:

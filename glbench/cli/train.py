@@ -263,9 +263,10 @@ def tune_policy(
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})
     folder = out or Path("runs") / f"tuned-{spec.short_id}-seed{seed}"
-    words = f"{settings.generations} generations of {settings.population} runs, seed {seed}, in {plain(folder)}"
+    runs = settings.population * settings.seasons
+    words = f"{settings.generations} generations of {runs} runs, seed {seed}, in {plain(folder)}"
     console.tell(Markup(f"Tuning {styled(policy, 'bold')} on {styled(spec.id, 'bold')}: {words}"))
-    bar = TrainingBar(settings.generations * settings.population * spec.steps, spec, settings.evaluation)
+    bar = TrainingBar(settings.generations * runs * spec.steps, spec, settings.evaluation)
     with console.interruption("The same command with --resume continues from the last evaluation."), bar:
         outcome = search(spec, settings, folder, seed=seed, resume=resume, listeners=[bar])
     if outcome.already_done:

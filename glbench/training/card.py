@@ -140,7 +140,7 @@ def write_card(
             "reward": history.best_reward,
             "last_reward": history.last_reward,
             "learnt": learnt,
-            "evaluation_seeds": evaluation.seeds(task),
+            "evaluation_seeds": evaluation.seeds(task.chosen_on),
         },
         "wall_seconds": {"total": round(spent.total, 1), **{k: round(v, 1) for k, v in asdict(spent).items()}},
         "share_of_training_time": shares,

@@ -7,9 +7,9 @@ import math
 from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PositiveInt, field_validator, model_validator
 
 from glbench.agents.views import OUTDOOR, RECALLING, visible_columns
 from glbench.errors import TrainingError, UnknownNameError, refuse
@@ -39,6 +39,13 @@ class Memory(settings.FrozenSettings):
             refuse(f"time constants are positive numbers of hours, not {', '.join(f'{hour:g}' for hour in hours)}")
         return hours
 
+    @field_validator("hours", "columns")
+    @classmethod
+    def _each_once(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        if len({*values}) < len(values):
+            refuse(f"no entry may appear twice, as in {', '.join(map(str, values))}")
+        return values
+
 
 class CompiledSettings(settings.FrozenSettings):
     """Settings of one training with the compiled PPO; keys shared with Stable-Baselines3's PPO have the same meaning."""
@@ -65,7 +72,7 @@ class CompiledSettings(settings.FrozenSettings):
     and sensors."""
     places: int = Field(default=32, gt=0)
     """Number of places in each season where the first episodes may begin; later ones begin at its start."""
-    net_arch: tuple[int, ...] = Field(default=(128, 128), min_length=1)
+    net_arch: tuple[PositiveInt, ...] = Field(default=(128, 128), min_length=1)
     """Widths of the hidden layers of actor and critic (tanh)."""
     log_std_init: float = -0.7
     log_std_of: dict[str, float] = Field(default_factory=dict, exclude_if=lambda actions: not actions)
@@ -141,8 +148,9 @@ def read_compiled_settings(
 ) -> CompiledSettings:
     """Settings for a task from a YAML file, or the shipped ones; ``steps`` and ``view`` instead of the file's.
 
-    A view with a memory (``RECALLING``) brings the one of ``baselines/ppo/memory.yml``, unless the file has one. Traces of columns that are
-    out of view are left out; if none is left, the policy keeps those of the weather outside (``OUTDOOR``).
+    A view with a memory (``RECALLING``) brings the memory of ``baselines/ppo/memory.yml``, unless the file has one, and with it that
+    recipe's ``critic_sees``, unless the file has its own. Traces of columns that are out of view are left out; if none is left, the policy
+    keeps those of the weather outside (``OUTDOOR``).
 
     Raises ``TrainingError`` when the file cannot be read, a value is impossible, or the task has no such view.
     """
@@ -156,7 +164,7 @@ def read_compiled_settings(
         if {*view} & {*RECALLING} and not content.get("memory"):
             recipe = settings.section(shipped / "memory.yml", task.id)
             states = [name for name in recipe["critic_sees"] if name in task.model_value.state_names]
-            content |= {"memory": recipe["memory"], "critic_sees": states}
+            content = {"critic_sees": states} | content | {"memory": recipe["memory"]}
     whole = validated(CompiledSettings, content, "the settings", source, TrainingError)
     if view is None or not whole.memory.hours:
         return whole

@@ -28,6 +28,7 @@ from glbench.training.vec_env import Normalizer
 from glbench.untrusted import reason_of
 
 Output = Literal["clip", "tanh"]
+_UNLIMITED = 1e30  # Clip of observations that are not normalised: none comes near it
 _WEIGHT = 1e6  # Observations that a policy's statistics count for: they follow what is new within a training of the usual length
 
 
@@ -130,8 +131,7 @@ def _layers(parts: list[nn.Module]) -> tuple[list[nn.Linear], str]:
 
 def _normalization(normalization: VecNormalize | None, columns: int) -> tuple[np.ndarray, np.ndarray, float]:
     if normalization is None or not normalization.norm_obs:
-        # Without normalisation nothing is cut, either: no observation comes near 1e30.
-        return np.zeros(columns), np.ones(columns), 1e30
+        return np.zeros(columns), np.ones(columns), _UNLIMITED
     statistics = normalization.obs_rms
     if not isinstance(statistics, RunningMeanStd):
         refuse("The normalisation is for several kinds of observations; the tasks of glbench have one.", TrainingError)
@@ -142,7 +142,7 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task
     """Give ``model`` and ``normalization``, which are untrained, the actor and the statistics of the policy in ``file``.
 
     Raises ``SubmissionError`` when there is no policy in ``file``, and ``TrainingError`` when it is damaged, of another task's kind, or its
-    network is another than the settings ask for.
+    network or normalisation is another than the settings ask for.
     """
     policy_in(file, task)
     policy = read_policy(file)
@@ -154,6 +154,11 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task
             f"The training cannot start from {file}: its actor has layers {_sizes(policy_shapes)} with {policy.activation} and output "
             f"'{policy.output}', the settings ask for {_sizes(shapes)} with {activation} and '{output}'. Change policy_kwargs."
         )
+        raise TrainingError(msg)
+    clip = float(normalization.clip_obs) if normalization.norm_obs else _UNLIMITED
+    if policy.clip != clip:
+        its, ours = (f"clipped at {one:g}" if one < _UNLIMITED else "not normalised" for one in (policy.clip, clip))
+        msg = f"The training cannot start from {file}: its observations are {its}; with these settings they are {ours}. Change 'normalize'."
         raise TrainingError(msg)
     with torch.no_grad():
         for layer, matrix, bias in zip(layers, policy.weights, policy.biases, strict=True):

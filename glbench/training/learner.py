@@ -177,7 +177,8 @@ class Learner:
     def begin_with(self, learning: Learning, actor: Actor, name: str, count: float) -> Learning:
         """``learning`` with the actor of a policy and its statistics, which then stand for ``count`` observations.
 
-        Raises ``TrainingError`` when its network, running means or actions differ from those of the settings; ``name`` is the policy's.
+        Raises ``TrainingError`` when the policy would act differently here: its network, running means, normalisation or actions differ
+        from those of the settings, or it uses a column that is out of view; ``name`` is the policy's.
         """
         network, weights = actor.network, dict(learning.weights)
         kinds: dict[str, tuple[Any, Any]] = {
@@ -189,18 +190,34 @@ class Learner:
             "places of remembered columns ('memory.columns')": (actor.traced.tolist(), self.traced.tolist()),
             "running means, by the share of a reading that they take in ('memory.hours'),": (actor.shares.tolist(), self.shares.tolist()),
             "changes of controls in a step ('steer')": (actor.max_change.tolist(), self.max_change.tolist()),
+            "limits of normalised observations ('normalize.clip_observations')": (network.clip, self.settings.normalize.clip_observations),
         }
         for what, (its, ours) in kinds.items():
             if its != ours:
                 msg = f"The training cannot start from {name}: its {what} are {its}; those of this training are {ours}."
                 raise TrainingError(msg)
-        weights["actor"] = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(network.weights, network.biases, strict=True)]
         columns = len(self.least_scale)
+        self._check_columns(actor, name, columns)
+        weights["actor"] = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(network.weights, network.biases, strict=True)]
         if actor.gru is not None:
             weights["gru"] = {part: jnp.asarray(getattr(actor.gru, part)) for part in ("weights", "bias", "recurrent")}
         mean, scale = (jnp.asarray(values[:columns], jnp.float32) for values in (network.mean, network.scale))
         variance = jnp.maximum(scale**2 - self.least_scale**2, 0.0)
         return learning._replace(weights=weights, columns=Statistics(mean, variance, jnp.float32(count)))
+
+    def _check_columns(self, actor: Actor, name: str, columns: int) -> None:
+        used = np.any(actor.network.weights[0][:columns] != 0.0, axis=1)
+        if actor.gru is not None:
+            used |= np.any(actor.gru.weights[:columns] != 0.0, axis=1)
+        is_raised = actor.network.scale[:columns] < 0.999 * self.least_scale
+        reasons = {
+            "it uses '{}', which is not in 'view'": ~self.visible,
+            "'least_scale' is above the policy's own scale of '{}'": is_raised,
+        }
+        for reason, places in reasons.items():
+            if (used & places).any():
+                column = actor.network.observation_names[int(np.flatnonzero(used & places)[0])]
+                refuse(f"The training cannot start from {name}: {reason.format(column)}.", TrainingError)
 
     def begin(self, key: Any) -> Learning:
         """An untrained learner, its greenhouses spread over seasons."""

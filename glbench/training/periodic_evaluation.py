@@ -142,11 +142,12 @@ def season_sums(simulation: Simulation, seeds: Sequence[int], act: Act) -> dict[
         running = ~simulation.ended
         result = simulation.step(act(observations))
         observations = result.observations
+        running[[failure.row for failure in result.failed]] = False  # a step that fails is one of the missing
         for name in sums:
             sums[name] += np.where(running, result.quantities[name], 0.0)
     missing = simulation.task.steps - simulation.k
-    sums["reward"] += missing * charge.reward
-    sums["penalty"] += missing * charge.penalty
+    for name in ("reward", "epi", "penalty"):
+        sums[name] += missing * getattr(charge, name)
     return sums
 
 

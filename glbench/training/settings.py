@@ -14,6 +14,7 @@ from glbench.resources import data_folder
 from glbench.settings import validated
 from glbench.tasks import TaskSpec
 from glbench.tasks.record import FIRST_TRAINING_SEED
+from glbench.tasks.tables import PERFECT
 from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
 
@@ -103,11 +104,14 @@ class EvaluationPlan(FrozenSettings):
     first_seed: TrainingSeed = 2 * FIRST_TRAINING_SEED
 
     def seeds(self, task: TaskSpec) -> list[int]:
-        """Seeds of the runs."""
+        """Seeds of the runs; ``task`` must be in the split that they are for."""
         scenario = task.scenario
         is_drawn = any(one.half_width for one in scenario.groups) or any(one.half_width for one in scenario.start_groups)
-        runs_differ = is_drawn or len(scenario.seasons) > 1 or scenario.start_within_days > 0
-        runs = self.runs if runs_differ else 1
+        seasons_differ = len(scenario.seasons) > 1 or scenario.start_within_days > 0 or scenario.generated is not None
+        forecast = task.observation.forecast
+        is_guessed = forecast is not None and forecast.error != PERFECT
+        errs = is_guessed or any((task.sensors, task.outdoor_sensors, task.actuators, task.samples, task.camera))
+        runs = self.runs if is_drawn or seasons_differ or errs else 1
         return list(range(self.first_seed, self.first_seed + runs))
 
 

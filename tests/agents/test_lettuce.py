@@ -122,11 +122,12 @@ def test_an_end_value_replaces_the_price_of_dry_weight(task: TaskSpec) -> None:
         "global_radiation": 300.0, "outdoor_temperature": 10.0, "outdoor_vapour_density": 0.006, "outdoor_co2_density": 8e-4,
     }.items()}  # fmt: skip
     doses = []
-    for settings in (SHORT(), SHORT(end_value=worth)):
+    for settings in (SHORT(), SHORT(end_value=worth), SHORT(end_value=worth | {"gross": False})):
         agent = LettucePlanner(settings)
         agent.reset(task_card(task), 1)
         doses.append(float(agent.act(observed(task, **outside, **sunny))[0, 0]))
     assert doses[1] < doses[0] - 0.5
+    assert doses[2] == doses[0]  # not gross: what dry weight is worth besides its price
 
 
 def test_saturated_air_continues_with_the_vapour_that_was_predicted(task: TaskSpec) -> None:

@@ -36,6 +36,14 @@ def test_runs_in_which_the_same_is_given_share_a_plan(nominal: TaskSpec, drawn: 
     assert group_by_conditions(drawn, (4, 9, 2)) == ((4,), (9,), (2,))
 
 
+def test_a_plan_for_one_run_serves_all_with_the_same_conditions(nominal: TaskSpec, tmp_path: Path) -> None:
+    about = {"reward": 1.0, "epi": 1.0, "penalty": 0.0}
+    PlanBook.of(nominal, (4,), np.zeros((nominal.steps, 6)), about).save(tmp_path / "4.npz")
+    (outcome,) = Search(nominal, (4, 9, 2), MY_AGENT, tmp_path).stored()
+    assert outcome.seeds == (4, 9, 2)
+    assert read_book(tmp_path / "4.npz").seeds == (2, 4, 9)
+
+
 def test_machines_that_are_off_or_on_are_planned(tmp_path: Path) -> None:
     task = get_task("SpringEnergy-v1").replace({"id": "my/Energy-v1", "weather.days": 2}).in_split("validation")
     search = Search(task, (10000,), protect(ENERGY_AGENT, "none"), tmp_path, iterations=4)

@@ -28,6 +28,7 @@ from docs import (
     carried_weather,
     crop_effects,
     crop_table,
+    factors_figures,
     fresh_draws_table,
     growers_table,
     harvest_figures,
@@ -690,6 +691,25 @@ def factor_study() -> dict[str, float]:
     return asked
 
 
+@cache
+def played_factors() -> dict[str, Any]:
+    """Figures of the cells of the study of factors on ``Spring-v1`` that were played."""
+    base: dict[str, Any] = factors_figures.read(factors_figures.FIGURES)["bases"]["spring"]
+    return base
+
+
+def in_cell(cell: str, pair: str) -> tuple[float, float, float]:
+    """What the first agent earns more than the second in a cell of ``Spring-v1`` [EUR m-2], with its interval."""
+    one = played_factors()["cells"][f"spring.{cell}"]["pairs"][pair]
+    return one["value"], one["low"], one["high"]
+
+
+def less_by_step(on: str) -> tuple[float, float, float]:
+    """How much less an agent or a difference is when all is drawn in every step [EUR m-2], with its interval."""
+    effect = {one["on"]: one for one in played_factors()["effects"] if one["effect"].startswith("draw: season to step")}[on]
+    return -effect["value"], -effect["high"], -effect["low"]
+
+
 def speeds_of_learning(baseline: str, page: str) -> float:
     """Environment steps a second while a baseline learnt, by the card of its training [thousand]."""
     card = tomllib.loads((ROOT / "baselines" / baseline / "training" / page).read_text(encoding="utf-8"))
@@ -698,6 +718,33 @@ def speeds_of_learning(baseline: str, page: str) -> float:
 
 CLAIMS: dict[str, list[Claim]] = {
     "docs/factors.md": [
+        (
+            "leads the rules by {} in the centre and by {} where",
+            lambda: tuple(in_cell(one, "mpc - rules")[0] for one in ("centre", "draw-step")),
+        ),
+        (
+            "leads PPO by {} in the centre and by {}, not resolved",
+            lambda: tuple(in_cell(one, "mpc - ppo_memory")[0] for one in ("centre", "draw-step")),
+        ),
+        (
+            "control {} EUR/m² ({} to {}) of its lead over PPO without memory, and {} ({} to {}) of its lead over the rules",
+            lambda: (*less_by_step("mpc - ppo"), *less_by_step("mpc - rules")),
+        ),
+        ("leads both, by {} and {};", lambda: tuple(in_cell("draw-step", pair)[0] for pair in ("mpc - ppo", "mpc - rules"))),
+        (
+            "PPO leads the rules by {} in the centre and {} with draws",
+            lambda: tuple(in_cell(one, "ppo - rules")[0] for one in ("centre", "draw-step")),
+        ),
+        ("Rules and policies then earn {} more", lambda: -less_by_step("rules")[0]),
+        ("earns no more ({}, from {} to {})", lambda: tuple(-less_by_step("mpc")[place] for place in (0, 2, 1))),
+        (
+            "then earns {} to {} EUR/m² less. With a memory it is {} ({} to {}) behind",
+            lambda: (
+                in_cell("centre", "ppo - rules")[0] - in_cell("budget-0.1", "ppo - rules")[0],
+                in_cell("centre", "ppo_memory - rules")[0] - in_cell("budget-0.1", "ppo_memory - rules")[0],
+                *(-in_cell("budget-0.1", "ppo_memory - rules")[place] for place in (0, 2, 1)),
+            ),
+        ),
         (
             "{} cells with {} tasks: {} trainings of {} million steps together, and {} runs of predictive control",
             lambda: (
@@ -840,7 +887,7 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         (
-            "it earns {} EUR/m² (`mpc_energy`), the rules {}, the best known plans {}.",
+            "predictive control (`mpc_energy`) earns {} EUR/m², tuned rules (`rule_based_energy`) {} and the best known plans {}.",
             lambda: tuple(score(agent, "WinterLED-v1") for agent in ("mpc_energy", "rule_based_energy", "best_known")),
         ),
         (
@@ -1294,6 +1341,10 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/study.md": [
+        (
+            "PPO without memory ({} and {} EUR/m², test split)",
+            lambda: tuple(in_cell(one, "mpc - ppo")[0] for one in ("centre", "draw-step")),
+        ),
         ("in the {} runs of its test split", lambda: HEADLINE.evaluation.runs),
         ("It earns {} EUR/m² ({} to {}) more than the rules tuned", lambda: more_on_test("mpc_greenhouse", "rule_based_greenhouse")),
         ("and {} ({} to {}) more than PPO with a memory", lambda: more_on_test("mpc_greenhouse", "ppo_memory_greenhouse")),
@@ -1449,7 +1500,11 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("share of the reading, up to 0.3;", "definition: glbench/tasks/tables.py"),
         ("up to s = 0.3", "definition: glbench/tasks/tables.py"),
     ],
-    "docs/factors.md": [("whose 95 % interval", "definition: CONFIDENCE"), ("a first try: `--steps 200000", "an example of options")],
+    "docs/factors.md": [
+        ("whose 95 % interval", "definition: CONFIDENCE"),
+        ("with 95 % intervals", "definition: CONFIDENCE"),
+        ("a first try: `--steps 200000", "an example of options"),
+    ],
     "docs/study.md": [("95 % intervals", "definition: CONFIDENCE")],
     "docs/ladder.md": [
         ("95 % interval", "definition: CONFIDENCE"),
@@ -1878,7 +1933,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("within 20 seconds", "definition: the time limit of the check"),
         ("up to 16 MiB) with LF", "definition: LARGEST_TEXT of glbench/resources.py"),
         ("18 and 24 h: the forecast", "definition: the default task"),
-        ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
+        ("(0.1 of its range) per step of 15 minutes", "definition: the default task"),
         ("longer than 10 s for one decision", "definition: the default time limits"),
         ("earn less than -1,000 EUR/m² (two runs", "measured: two runs of the validation split, -1,153 EUR/m² in the mean"),
         ("4 GiB of memory, 128 processes and threads, or 1,024 open files", "definition: the sandbox's limits"),

@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pandas import read_csv
 
+from benchmarks.factors import DESIGN, read_design
 from docs import (
     accuracy_table,
     compartment_table,
     energy_story,
     estimator_table,
+    factors_figures,
     fresh_draws_table,
     ladder_table,
     lettuce_classic_table,
@@ -87,6 +90,27 @@ def test_the_study_holds_the_released_results() -> None:
 def test_the_table_of_unseen_springs_holds_the_measurements() -> None:
     page = (DOCS / "training.md").read_text(encoding="utf-8")
     assert springs_table.filled(page, springs_table.read()) == page
+
+
+def test_the_page_of_factors_holds_what_was_played() -> None:
+    figures, page = factors_figures.read(factors_figures.FIGURES), factors_figures.PAGE.read_text(encoding="utf-8")
+    assert factors_figures.filled(page, figures) == page
+    assert factors_figures.picture(figures) == factors_figures.PICTURE.read_text(encoding="utf-8")
+    design, kept = read_design(DESIGN).model_dump(mode="json"), figures["design"]
+    assert kept == design | {"trainings": kept["trainings"], "runs": kept["runs"]}  # a part of the shipped design
+    for base in figures["bases"].values():
+        for cell in base["cells"].values():
+            for pair, one in cell["pairs"].items():
+                means = [np.mean(np.array(cell["agents"][kind]["values"])[:, : one["runs"]]) for kind in pair.split(" - ")]
+                assert means[0] - means[1] == pytest.approx(one["value"])
+
+
+def test_the_picture_of_the_leaderboard_has_all_agents() -> None:
+    board = read_csv(DOCS.parent / "reports" / "released" / "leaderboard.csv")
+    agents = set(board.loc[board["task"] == "glbench/GreenhouseReal-v1", "entry"])
+    drawn = (DOCS / "images" / "leaderboard.svg").read_text(encoding="utf-8")
+    assert len(agents) > 10
+    assert not {agent for agent in agents if agent not in drawn}
 
 
 def test_the_learning_curves_are_those_of_the_shipped_trainings() -> None:

@@ -99,12 +99,15 @@ def test_a_result_with_failed_runs_is_refused(release, result, tmp_path):
 def test_builds_of_the_kernel_are_not_mixed(release, result, tmp_path):
     job = release.Job("rule_based", result.task.id, result.results_digest)
     save_result(with_kernel(result, library_digest="f" * 64), tmp_path)
-    with pytest.raises(ResultError, match="another build"):
-        release.check(job, result, tmp_path, new_digests=False)
+    save_result(with_kernel(result, library_digest="f" * 64), tmp_path / "first" / release.TRIALS)
+    for work in (tmp_path, tmp_path / "first"):
+        with pytest.raises(ResultError, match="another build"):
+            release.check(job, result, work, new_digests=False)
     with pytest.raises(ResultError, match="needs a C"):
         release.check(job, with_kernel(result, backend="casadi"), tmp_path, new_digests=False)
     save_result(result, tmp_path / "out")
-    assert release.unlike(tmp_path / "out", tmp_path) == ["results/Schiphol2010-Delta10-v1/rule_based.json"]
+    for work in (tmp_path, tmp_path / "first"):
+        assert release.unlike(tmp_path / "out", work) == ["results/Schiphol2010-Delta10-v1/rule_based.json"]
     assert release.unlike(tmp_path / "out", tmp_path / "out") == []
 
 

@@ -312,6 +312,9 @@ def test_a_view_with_a_memory_brings_the_recipe_of_the_shipped_one(day: TaskSpec
         "relative_humidity",
     )
     assert read_compiled_settings(tmp_path / "tiny.yml", day, view=["outdoor"]).memory.hours == ()
+    assert blind.critic_sees == ("tAir", "co2Air", "vpAir", "tCan", "tPipe")
+    tiny(day, tmp_path, "  critic_sees: [tAir, epi]\n")
+    assert read_compiled_settings(tmp_path / "tiny.yml", day, view=["blind"]).critic_sees == ("tAir", "epi")
 
 
 def test_the_critic_alone_sees_what_is_told(day: TaskSpec, tmp_path: Path) -> None:
@@ -399,6 +402,9 @@ def test_a_policy_to_start_from_scores_as_it_did_and_is_on_the_card(trained: Tra
         ("  net_arch: [8]\n", r"its layers \('net_arch', 'memory'\) are"),
         (MEMORY, "its layers"),
         ("  steer: false\n", r"its changes of controls in a step \('steer'\) are"),
+        ("  normalize: {clip_observations: 0.3}\n", r"its limits of normalised observations .* are 10.0; those of this training are 0.3"),
+        ("  view: [time]\n", "it uses 'air_temperature', which is not in 'view'"),
+        ("  least_scale: {air_temperature: 99.0}\n", "'least_scale' is above the policy's own scale of 'air_temperature'"),
     ],
 )
 def test_a_policy_of_another_kind_is_no_start(trained: Trained, day: TaskSpec, tmp_path: Path, more: str, reason: str) -> None:
@@ -427,6 +433,9 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
         "  memory: {gru: 8}\n  batch_size: 32\n": "a batch has whole sequences: 'n_steps: 12' must divide 'batch_size: 32'",
         "  memory: {hours: [1, -4]}\n": "time constants are positive numbers of hours, not 1, -4",
         "  normalize: {rewards: false}\n": "always normalises observations and rewards",
+        "  net_arch: [8, 0]\n": r"'net_arch\.1': input should be greater than 0",
+        "  memory: {hours: [1], columns: [co2, co2]}\n": "no entry may appear twice, as in co2, co2",
+        "  memory: {hours: [4, 4]}\n": "no entry may appear twice, as in 4",
     }.items():
         with pytest.raises(TrainingError, match=words):
             tiny(day, tmp_path, more)

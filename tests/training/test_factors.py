@@ -188,7 +188,7 @@ def test_an_effect_is_what_was_put_in() -> None:
 
     def of_cell(mean: float, between: float) -> dict[str, Scores]:
         trainings = mean + between * random.normal(0.0, 1.0, (4, 1)) + random.normal(0.0, 0.05, (4, 30))
-        return {"ppo": Scores(seasons + trainings, True), "rules": Scores((seasons + random.normal(0.0, 0.05, 30))[None], False)}
+        return {"ppo": Scores(seasons + trainings, (0, 1, 2)), "rules": Scores((seasons + random.normal(0.0, 0.05, 30))[None])}
 
     for between, widest in ((0.0, 0.1), (0.5, 3.0)):
         one = contrast([of_cell(2.0, between)], [of_cell(1.0, between)], ("ppo", "rules"))
@@ -201,17 +201,28 @@ def test_an_effect_is_what_was_put_in() -> None:
     assert alone[1].value == pytest.approx(1.0, abs=0.05)
 
 
+def test_trainings_are_paired_by_their_seeds() -> None:
+    all_three, two = np.array([[0.0], [10.0], [20.0]]) + np.arange(4.0), np.array([[10.0], [20.0]]) + np.arange(4.0)
+    rules = Scores(np.arange(4.0)[None])
+    centre, other = {"ppo": Scores(all_three, (0, 1, 2)), "rules": rules}, {"ppo": Scores(two, (1, 2)), "rules": rules}
+    for kinds in (("ppo",), ("ppo", "rules")):
+        effect = contrast([other], [centre], kinds)
+        assert effect is not None
+        assert effect[1].value == 0.0  # the training with seed 0 is missing, and nothing else differs
+    assert contrast([{"ppo": Scores(two[:1], (3,))}], [centre], ("ppo",)) is None
+
+
 def test_corners_separate_main_effects_from_one_another_and_from_those_of_two_factors() -> None:
     base = SHIPPED.bases["spring"]
     cells = {key: cell for key, cell in CELLS.items() if cell.base == "spring"}
     size = {"draw": 0.5, "house": -0.2, "budget": 1.0}
-    rules = Scores(np.zeros((1, 10)), False)
+    rules = Scores(np.zeros((1, 10)))
     effects = {one.words: one for one in effects_of("spring", base, cells)}
 
     def scores(cell: Cell) -> dict[str, Scores]:
         signs = cell.signs or {}
         value = sum(size.get(name, 0.0) * sign / 2.0 for name, sign in signs.items()) + 0.3 * signs["draw"] * signs["sensors"] / 2.0
-        return {"ppo": Scores(np.full((1, 10), value) + np.arange(10), True), "rules": rules}
+        return {"ppo": Scores(np.full((1, 10), value) + np.arange(10), (0,)), "rules": rules}
 
     def of(words: str) -> float:
         one = effects[words]
@@ -273,6 +284,8 @@ def test_a_small_study_is_carried_out_continued_and_tabulated(small: Path, capsy
     figures = json.loads((small / "work" / "factors.json").read_text(encoding="utf-8"))["bases"]["day"]
     assert [*figures["cells"]] == [*cells]
     assert figures["cells"]["day.budget-0.5"]["agents"]["small"]["trainings"] == 2
+    assert np.shape(figures["cells"]["day.budget-0.5"]["agents"]["small"]["values"]) == (2, 3)
+    assert figures["cells"]["day.centre"]["agents"]["small"]["values"][1] == list(first.values("reward"))
     pair = figures["cells"]["day.centre"]["pairs"]["fair - rules"]
     folders = [small / "work" / place / "day.centre-v1" for place in ("results", "trials/results")]
     rules, fair = (
@@ -284,6 +297,10 @@ def test_a_small_study_is_carried_out_continued_and_tabulated(small: Path, capsy
     assert {effect["effect"] for effect in figures["effects"]} == {"price: 1 to 2, from the centre", "budget: 1 to 0.5, from the centre"}
     assert "| day.price-2 |" in page
     assert page == (small / "work" / "factors.md").read_text(encoding="utf-8")
+
+    rules = load_result(small / "work" / "results" / "day.centre-v1" / "rule_based_tuned.json")
+    assert factors._holds(rules, in_split_of_evaluations(one.tasks(cells.values())["day.centre"], "test"), rules.agent.digest, 3)
+    assert not factors._holds(rules, in_split_of_evaluations(one.tasks(cells.values())["day.centre"], "test"), "0" * 64, 3)
 
     assert run(study(small, runs=2), [cells["day.centre"]], 1) == 0  # fewer runs do not replace more
     assert len(load_result(small / "work" / "results" / "day.centre-v1" / "rule_based_tuned.json").runs) == 3

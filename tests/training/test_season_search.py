@@ -6,6 +6,7 @@ import csv
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ import pytest
 from glbench.agents import load_agent
 from glbench.agents.network_policy import Actor, ActorAgent, read_actor, read_policy
 from glbench.env import Simulation
+from glbench.env.kernels import shared_kernel
 from glbench.errors import TrainingError
+from glbench.kernel import StepFailure
 from glbench.tasks import TaskSpec, task_card
 from glbench.training import read_settings, train
 from glbench.training.periodic_evaluation import season_sums
@@ -215,3 +218,26 @@ def test_a_variation_may_play_several_seasons(day: TaskSpec, start: Path, tmp_pa
     rewards = season_sums(simulation, range(first, first + 6), agent.act)["reward"].reshape(2, 3).mean(axis=1)
     with np.load(folder / "search.npz") as content:
         assert content["rewards"] == pytest.approx(np.repeat(rewards[:, None], 8, axis=1), abs=1e-4)
+
+
+class _Failing:
+    """A kernel that cannot simulate the tenth step."""
+
+    def __init__(self, task: TaskSpec) -> None:
+        self._kernel, self._steps = shared_kernel(task.model_value, task.step_seconds, "fast"), 0
+
+    def try_step(self, x: Any, *inputs: Any) -> Any:
+        after, failures = self._kernel.try_step(x, *inputs)
+        self._steps += 1
+        return (x, [StepFailure(0, "made to fail")]) if self._steps == 10 else (after, failures)
+
+
+def test_a_run_that_fails_is_charged_for_each_missing_step_once(day: TaskSpec) -> None:
+    charge, still = day.evaluation.failed_step, np.zeros((1, len(day.actions)))
+    sums = season_sums(Simulation(day, 1, _Failing(day)), [7], lambda _: still)  # type: ignore[arg-type]
+    simulation = Simulation(day, 1)
+    simulation.reset([7])
+    steps = [simulation.step(still).quantities for _ in range(9)]
+    for name in ("reward", "epi", "penalty"):
+        expected = sum(float(step[name][0]) for step in steps) + (day.steps - 9) * getattr(charge, name)
+        assert sums[name][0] == pytest.approx(expected, rel=1e-4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -75,6 +76,16 @@ def test_a_network_of_another_size_is_refused(day: TaskSpec, first: Path, tmp_pa
     settings = settings_with(tmp_path, day, first / "policy.npz", PPO.replace("[16, 16]", "[16, 8]"))
     with pytest.raises(TrainingError, match=r"layers 22 - 16 - 16 - 6 .* the settings ask for 22 - 16 - 8 - 6"):
         train(day, settings, tmp_path / "run", tensorboard=False)
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+@pytest.mark.parametrize("other", [{"clip_obs": 0.5}, {"norm_obs": False}])
+def test_another_normalisation_is_refused(day: TaskSpec, first: Path, tiny: TrainingSettings, other: dict[str, Any]) -> None:
+    normalization = Normalizer(TrainingVecEnv(day, 2), **other)
+    with pytest.raises(
+        TrainingError, match=r"its observations are clipped at 10; with these settings they are (clipped at 0.5|not normalised)"
+    ):
+        begin_with(first / "policy.npz", make_model(tiny, normalization, 7), normalization, day)
 
 
 def test_a_policy_that_is_not_there_is_named(day: TaskSpec, tmp_path: Path) -> None:

@@ -27,6 +27,15 @@ from tests.training.watching import PowerCutError
 pytestmark = pytest.mark.train
 
 
+MADE_SEASONS = """
+base = "glbench/SpringYears-v1"
+id = "my/Made-v1"
+title = "Generated seasons that differ in nothing else"
+without = ["scenario.parameters"]
+scenario.start_within_days = 0
+"""
+
+
 class Listening:
     """Keeps what it is told, and pulls the plug after some checkpoints."""
 
@@ -326,6 +335,11 @@ def test_seeds_differ_wherever_runs_do(tiny: TrainingSettings, day: TaskSpec, tm
     assert len(tiny.evaluation.seeds(seasons)) == len(tiny.evaluation.seeds(day)) == 2
     alike = day.replace(uncertainty={"delta": 0.0})
     assert len(tiny.evaluation.seeds(alike)) == 1
+    noisy = {"sensors": {"co2": {"noise": {"value": 30.0, "unit": "ppm"}}}}
+    assert len(tiny.evaluation.seeds(get_task("LettuceClassic-Delta00-v1"))) == 1
+    assert len(tiny.evaluation.seeds(get_task("LettuceClassic-Delta00-v1").replace({"id": "my/Noisy-v1", **noisy}))) == 2
+    (tmp_path / "made.toml").write_text(MADE_SEASONS, encoding="utf-8")
+    assert len(tiny.evaluation.seeds(get_task(tmp_path / "made.toml"))) == 2
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)

@@ -63,7 +63,15 @@ def test_an_honest_result_agrees(made, capsys):
     assert code == 0, words
     assert "run 10003: 96 steps" in words
     assert "run 10004: 96 steps" in words
-    assert words.endswith("agrees\n")
+    assert words.endswith(")\nagrees (2 of 2 runs)\n")
+
+
+def test_only_runs_that_were_audited_agree(made, capsys):
+    result = result_path(made / "reports", "test/SpringDay-v1", "wavy")
+    code, words = audited(result, made, capsys, "--runs", "1")
+    assert (code, "run 10004" in words, words.endswith("agrees (1 of 2 runs)\n")) == (0, False, True)
+    for runs in ("0", "-1"):
+        assert audited(result, made, capsys, "--runs", runs) == (2, "cannot be audited: no run to audit: --runs must be at least 1\n")
 
 
 @pytest.mark.parametrize("agent", ["failing", "rule_based"])

@@ -1,0 +1,131 @@
+"""The tables and the figure of docs/factors.md, from the cells played so far: ``python -m docs.factors_figures [WORK]``.
+
+Given the work folder of a study (`benchmarks/factors.py`), it first saves that study's numbers to docs/measurements/factors.json. Without
+one it uses the numbers saved there.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.factors_table import write_tables
+from docs.benchmark_design_figures import DOCS, grid, read
+from docs.study_figures import AGENTS, BLACK, HEIGHT, Mark, panel, svg
+from docs.tables import with_tables
+from glbench.leaderboard.statistics import Interval
+from glbench.resources import write_atomically
+
+PAGE, FIGURES, PICTURE = DOCS / "factors.md", DOCS / "measurements" / "factors.json", DOCS / "images" / "factors.svg"
+WORDS = {"rules": "tuned rules", "ppo": "PPO", "ppo_memory": "PPO with a memory", "mpc": "predictive control"}
+DRAWN = {
+    "mpc - rules": ("Predictive control − rules", AGENTS["mpc"]),
+    "ppo_memory - rules": ("PPO − rules", AGENTS["ppo_memory"]),
+    "mpc - ppo_memory": ("Predictive control − PPO", BLACK),
+}
+"""Differences of the figure, from left to right: title and colour. This PPO has a memory."""
+Cells = Mapping[str, Mapping[str, Any]]
+
+
+def played(base: Mapping[str, Any]) -> Cells:
+    """The cells in which agents can be compared."""
+    return {key: cell for key, cell in base["cells"].items() if cell["pairs"]}
+
+
+def words_of(key: str) -> str:
+    """A cell in words: ``spring.house-2`` is house: 2."""
+    return key.partition(".")[2].replace("-", ": ", 1)
+
+
+def agents_in(kinds: str) -> str:
+    """An agent, or two, in words."""
+    return " − ".join(WORDS[kind] for kind in kinds.split(" - "))
+
+
+def span(figures: Mapping[str, Any]) -> str:
+    """A value with its interval."""
+    numbers = [f"{figures[key]:.2f}".replace("-", "−") for key in ("value", "low", "high")]
+    return f"{numbers[0]} ({numbers[1]} to {numbers[2]})"
+
+
+def differences(cells: Cells) -> str:
+    """What the first agent earns more than the second in every cell, with the verdict on the conclusion of the centre."""
+    rows = []
+    for pair in dict.fromkeys(pair for cell in cells.values() for pair in cell["pairs"]):
+        row = [cell["pairs"].get(pair) for cell in cells.values()]
+        rows.append([agents_in(pair), *("–" if one is None else span(one) + _verdict(one) for one in row)])
+    return grid(["", *map(words_of, cells)], rows)
+
+
+def _verdict(figures: Mapping[str, Any]) -> str:
+    return f"<br>**{figures['verdict']}**" if figures["verdict"] else ""
+
+
+def scores(cells: Cells) -> str:
+    """Scores of all agents in every cell, with the number of trainings and runs behind each."""
+    rows = []
+    for kind, words in WORDS.items():
+        row = [cell["agents"].get(kind) for cell in cells.values()]
+        rows.append([words, *("–" if one is None else f"{span(one)}<br>{_counts(one)}" for one in row)])
+    return grid(["", *map(words_of, cells)], rows)
+
+
+def _counts(figures: Mapping[str, Any]) -> str:
+    trainings = f"{figures['trainings']} × " if figures["trainings"] > 1 else ""
+    return f"{trainings}{figures['runs']} runs"
+
+
+def effects(base: Mapping[str, Any]) -> str:
+    """What each change of a factor does to agents and to differences; without effects that are only known of agents without training."""
+    known = {(one["effect"], one["on"]): one for one in base["effects"]}
+    words = [effect for effect in dict.fromkeys(effect for effect, _ in known) if (effect, "ppo") in known]
+    rows = []
+    for kinds in dict.fromkeys(kinds for _, kinds in known):
+        row = [known.get((effect, kinds)) for effect in words]
+        rows.append([agents_in(kinds), *("–" if one is None else span(one) for one in row)])
+    return grid(["", *(effect.removesuffix(", from the centre") for effect in words)], rows)
+
+
+def tables(figures: Mapping[str, Any]) -> dict[str, str]:
+    """The tables by their places."""
+    drawn = {}
+    for name, base in figures["bases"].items():
+        drawn |= {f"factors_{name}": differences(played(base)), f"factors_{name}_scores": scores(played(base))}
+        drawn[f"factors_{name}_effects"] = effects(base)
+    return drawn
+
+
+def filled(page: str, figures: Mapping[str, Any]) -> str:
+    """The page with its tables made again. Raises ``ValueError`` when a table has no place."""
+    return with_tables(page, tables(figures))
+
+
+def picture(figures: Mapping[str, Any]) -> str:
+    """One panel per difference and one row per cell of ``Spring-v1``, with 95 % intervals."""
+    cells, parts, wide = played(figures["bases"]["spring"]), [], 150
+    for place, (pair, (title, colour)) in enumerate(DRAWN.items()):
+        rows = []
+        for key, cell in cells.items():
+            one = cell["pairs"].get(pair)
+            marks = [Mark(Interval(value=one["value"], low=one["low"], high=one["high"]), colour)] if one else []
+            rows.append((words_of(key) if place == 0 else "", marks))
+        parts += panel((110 + (wide + 34) * place, 40), wide, title, rows, "EUR/m²")
+    return svg(660, 40 + HEIGHT * len(cells) + 32, parts)
+
+
+def main() -> None:
+    """Save the numbers of a work folder, if one is given; draw the figure and fill in the tables."""
+    if sys.argv[1:]:
+        write_tables(Path(sys.argv[1]))
+        figures = json.loads((Path(sys.argv[1]) / "factors.json").read_text(encoding="utf-8"))
+        write_atomically(FIGURES, json.dumps(figures, indent=1) + "\n")
+    figures = read(FIGURES)
+    write_atomically(PICTURE, picture(figures))
+    write_atomically(PAGE, filled(PAGE.read_text(encoding="utf-8"), figures))
+
+
+if __name__ == "__main__":
+    main()
