@@ -167,11 +167,11 @@ def test_a_policy_with_a_memory_is_evaluated_as_it_was_saved(glbench: Command, s
 @pytest.mark.train
 def test_a_tuned_folder_is_an_agent(glbench: Command, settings: Path) -> None:
     glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run", "--no-tensorboard")
-    (settings / "tune.yml").write_text("default: {population: 3, seasons: 2, directions: 2, evaluation: {runs: 2}}", encoding="utf-8")
+    (settings / "tune.yml").write_text("default: {population: 4, seasons: 2, directions: 2, evaluation: {runs: 2}}", encoding="utf-8")
     command = ("tune", "run", "--task", "day.toml", "--config", "tune.yml", "--generations", "3", "--out", "tuned")
     tuned = glbench(*command)
     assert tuned.code == 0, tuned.err
-    assert "3 generations of 6 runs" in tuned.err
+    assert "3 generations of 8 runs" in tuned.err
     assert "Best policy: reward" in tuned.out
     card = tomllib.loads((settings / "tuned" / "card.toml").read_text(encoding="utf-8"))
     assert card["training"]["generations"] == 3
