@@ -112,7 +112,7 @@ def picture(figures: Mapping[str, Any]) -> str:
             one = cell["pairs"].get(pair)
             marks = [Mark(Interval(value=one["value"], low=one["low"], high=one["high"]), colour)] if one else []
             rows.append((words_of(key) if place == 0 else "", marks))
-        parts += panel((110 + (wide + 34) * place, 40), wide, title, rows, "EUR/m²")
+        parts += panel((110 + (wide + 34) * place, 40), wide, title, rows, "EUR/m²", with_zero=True)
     return svg(660, 40 + HEIGHT * len(cells) + 32, parts)
 
 

@@ -309,11 +309,19 @@ class Mark:
 
 
 def panel(
-    place: tuple[float, float], width: float, title: str, rows: Sequence[tuple[str, Sequence[Mark]]], axis: str = SCORE, *, room: int = 0
+    place: tuple[float, float],
+    width: float,
+    title: str,
+    rows: Sequence[tuple[str, Sequence[Mark]]],
+    axis: str = SCORE,
+    *,
+    room: int = 0,
+    with_zero: bool = False,
 ) -> list[str]:
     """A panel whose grid begins at ``place``, ``width`` wide: a row a label, above an axis; ``room`` for so many rows."""
-    (left, top), spans = place, [mark.span for _, marks in rows for mark in marks]
-    ticks = round_ticks(min(span.low for span in spans), max(span.high for span in spans))
+    (left, top), ends = place, [end for _, marks in rows for mark in marks for end in (mark.span.low, mark.span.high)]
+    ends += [0.0] if with_zero else []
+    ticks = round_ticks(min(ends), max(ends))
     bottom = top + HEIGHT * (room or len(rows))
 
     def x(value: float) -> float:
