@@ -55,6 +55,7 @@ _NOT_TABLES: Final = (
 )
 _MARKUP: Final = re.compile(r"\s*<(!doctype|html|\?xml|[a-z_:]+[ >])", re.IGNORECASE)
 _SAMPLE_LINES = 40
+_EXCEL_DAY = r"\d{5}(?:[.,]\d+)?"
 _EXCEL_EPOCH = -2209161600  # 1899-12-30 in seconds since 1970
 _INTERVAL = re.compile(r"[\d)Z]\s+[-\u2013]\s+\d")
 _OF_DAY = re.compile(r"\b(uur|tijd|hour|time|stunde|heure)", re.IGNORECASE)
@@ -68,7 +69,10 @@ STAMP: Final = re.compile(
     r"\s*(?P<offset>Z|UTC|GMT|[+-]\d\d:?(?:\d\d)?)?(?:\s*\(?(?P<zone>[A-Z]{3,4})\)?)?)?"
 )
 """A date, with a time of day and its offset from UTC where there are any."""
-_ZONES: Final = {"CET": "+01:00", "MEZ": "+01:00", "CEST": "+02:00", "MESZ": "+02:00"}
+_ZONES: Final = {
+    "WET": "+00:00", "WEST": "+01:00", "CET": "+01:00", "MEZ": "+01:00", "CEST": "+02:00", "MESZ": "+02:00",
+    "EET": "+02:00", "EEST": "+03:00",
+}  # fmt: skip
 _MONTHS: Final = {
     "jan": 1, "feb": 2, "fév": 2, "maa": 3, "mrt": 3, "mar": 3, "mär": 3, "apr": 4, "avr": 4, "mei": 5, "may": 5, "mai": 5, "jun": 6,
     "juin": 6, "jul": 7, "juil": 7, "aug": 8, "aoû": 8, "sep": 9, "okt": 10, "oct": 10, "nov": 11, "dec": 12, "dez": 12, "déc": 12,
@@ -458,8 +462,14 @@ def time_titles(table: TextTable) -> tuple[str, ...]:
     )
     if matches:
         return (next(iter(matches)), *([clock] if clock else []))
-    # counts: Excel's days, Unix seconds
-    return tuple(title for title, text in first.items() if re.fullmatch(r"\d{5}[.,]\d+|1?\d{9}|1?\d{12}", text))[:1]
+    return tuple(title for title in titles if _counts_time(table.texts(title)))[:1]
+
+
+def _counts_time(texts: Sequence[str]) -> bool:
+    """Whether a column holds Excel's days, of which a midnight has no decimals, or Unix seconds."""
+    if re.fullmatch(r"1?\d{9}|1?\d{12}", texts[0]):
+        return True
+    return all(re.fullmatch(_EXCEL_DAY, text) for text in texts) and any(not text.isdigit() for text in texts)
 
 
 def says_utc(text: str) -> bool:
@@ -496,11 +506,7 @@ def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None
 
 def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: DateOrder | None) -> Stamps:
     # counts: Excel's days on an unnamed clock, Unix seconds or milliseconds in UTC
-    for pattern, scale, offset, zoned in (
-        (r"\d{5}[.,]\d+", DAY, _EXCEL_EPOCH, False),
-        (r"1?\d{9}", 1, 0, True),
-        (r"1?\d{12}", 1e-3, 0, True),
-    ):
+    for pattern, scale, offset, zoned in ((_EXCEL_DAY, DAY, _EXCEL_EPOCH, False), (r"1?\d{9}", 1, 0, True), (r"1?\d{12}", 1e-3, 0, True)):
         if all(re.fullmatch(pattern, text) for text in texts):
             counts = [round(float(text.replace(",", ".")) * scale) + offset for text in texts]
             return Stamps(np.array(counts, dtype=np.int64), zoned)
@@ -509,6 +515,9 @@ def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: Dat
         match = stamp_in(text)
         if match is None:
             table.refuse(f"'{visible(text[:60])}' is not a time such as 2024-02-13 23:00 or 13-02-2024 23:00. Correct the file.", i, name)
+        if match["zone"] and match["zone"] not in _ZONES:
+            problem = f"the zone in '{visible(text[:60])}' is not known. Write its offset from UTC, such as -05:00, or leave it out"
+            table.refuse(f"{problem} and name the clock.", i, name)
         matches.append(match)
     # the names of zones in some rows alone mark the hour that an autumn clock shows twice
     named = all(match["zone"] in _ZONES for match in matches)

@@ -15,7 +15,17 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from glbench.errors import ArchiveError, did_you_mean, refuse
-from glbench.outside_tables import oldest_first, parse_number, read_stamps, read_text, split_table, step_of, time_titles, utc_of_local
+from glbench.outside_tables import (
+    oldest_first,
+    parse_number,
+    read_stamps,
+    read_text,
+    says_utc,
+    split_table,
+    step_of,
+    time_titles,
+    utc_of_local,
+)
 from glbench.untrusted import visible
 from glbench.weather import preprocessing
 from glbench.weather.column_map import JOULES, UNITS, split_title, unit_among
@@ -90,8 +100,9 @@ class Export:
 def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: float | None = None) -> Export:
     """Read the columns that ``units`` names, with their canonical unit. None of them has to be there.
 
-    Stamps without an offset from UTC are of ``clock``; ``lamp_power`` [W m-2] is that of 100 % in the column ``lamps``. Raises
-    ``ArchiveError`` when table or times cannot be read, a title lacks its unit, or a value is not a number; names row and column.
+    Stamps without an offset from UTC are of ``clock``, unless their title says UTC; ``lamp_power`` [W m-2] is that of 100 % in the column
+    ``lamps``. Raises ``ArchiveError`` when table or times cannot be read, a title lacks its unit, or a value is not a number; names row and
+    column.
     """
     text = read_text(path, ArchiveError)
     table = split_table(text, str(path), ArchiveError)
@@ -100,7 +111,8 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
         table.refuse("no column looks like the time. Name it 'time' and write 2024-02-13 07:05.")
     table, stamps = oldest_first(table, read_stamps(table, time))
     step = step_of(stamps.seconds)
-    seconds = stamps.seconds if stamps.zoned else utc_of_local(table, stamps.seconds, ZoneInfo(clock), time[0])
+    is_utc = stamps.zoned or says_utc(" ".join(time))
+    seconds = stamps.seconds if is_utc else utc_of_local(table, stamps.seconds, ZoneInfo(clock), time[0])
     if not SHORTEST <= step <= LONGEST:
         table.refuse(f"its step is {step / 60:g} min. Export means of {SHORTEST // 60} to {LONGEST // 60} min.")
     late = np.flatnonzero(np.diff(seconds) <= 0)

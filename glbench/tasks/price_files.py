@@ -20,6 +20,7 @@ from glbench.errors import TaskError, refuse
 from glbench.outside_tables import (
     DAY,
     HOUR,
+    STAMP,
     FloatArray,
     IntArray,
     TextTable,
@@ -49,7 +50,7 @@ _AMOUNTS: Final = {
 }  # fmt: skip
 """Amounts that prices are for: the amount that a table may use, and the factor from this one to that."""
 _UNIT: Final = re.compile(
-    r"(?P<money>EUR|€|Euro?s?|ct|cent|cts|[A-Z]{3})\s*(?:/|per|pro)?\s*"
+    r"(?<![A-Za-z])(?:(?:EUR|€)(?=c))?(?P<money>EUR|€|Euro?s?|ct|cent|cts|[A-Z]{3})(?:\s*(?:/|\bper\b|\bpro\b)\s*|\s+)"
     r"(?P<amount>MWh|kWh|GJ|MJ|m-?3|m³|kg|t|mol)\b(?:-1)?",
     re.IGNORECASE,
 )
@@ -120,7 +121,7 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
             named_clock = ""
         elif zone is not None:
             seconds = utc_of_local(table, seconds, zone, times[0])
-        elif not (table.titles[0] in _PLAIN_TIMES or says_utc(" ".join((*table.titles, *table.preamble))) or step_of(seconds) >= DAY):
+        elif not (table.titles[0] in _PLAIN_TIMES or says_utc(_titles(table)) or step_of(seconds) >= DAY):
             doubts.append(
                 "its times have no offset and are read as UTC. If they are on a local clock, all prices are an hour or two late: name it, "
                 'clock = "Europe/Amsterdam" in the price table (or --clock)'
@@ -177,12 +178,17 @@ def _clock_of(table: TextTable, time: str, clock: object) -> tuple[ZoneInfo | No
         except (ZoneInfoNotFoundError, ValueError, OSError) as error:
             msg = f"{table.file}: clock = '{visible(str(clock))}' is no time zone of the IANA database. Write a name such as Europe/Paris."
             raise TaskError(msg) from error
-    titles = " ".join((*table.titles, *table.preamble))
-    if says_utc(time) or says_utc(titles):
-        return None, ""
-    if re.search(r"\b(CET|MEZ|CEST|MESZ)\b", titles):
-        return ZoneInfo(EXCHANGE_CLOCK), f"times read on the clock of {EXCHANGE_CLOCK}, as the titles say CET"
+    for titles in (time, _titles(table)):  # what the title of the times says counts first
+        if says_utc(titles):
+            return None, ""
+        if re.search(r"\b(CET|MEZ|CEST|MESZ)\b", titles):
+            return ZoneInfo(EXCHANGE_CLOCK), f"times read on the clock of {EXCHANGE_CLOCK}, as the titles say CET"
     return None, ""
+
+
+def _titles(table: TextTable) -> str:
+    """All titles and what stands above them, but for lines with a date, such as that of the download."""
+    return " ".join((*table.titles, *(line for line in table.preamble if not STAMP.search(line))))
 
 
 def _price_column(table: TextTable, column: object) -> str:
@@ -215,6 +221,10 @@ def _price_column(table: TextTable, column: object) -> str:
 def _days_of_hours(table: TextTable, titles: list[str], zone: ZoneInfo) -> tuple[IntArray, FloatArray]:
     """Moments and prices of a table with a row a day and a column an hour, in which the hour that comes twice has columns A and B."""
     dates = read_stamps(table, table.titles[:1]).seconds
+    days, first = np.unique(dates, return_index=True)
+    if days.size < dates.size:
+        again = int(np.setdiff1d(np.arange(dates.size), first)[0])
+        table.refuse(f"{visible(table.texts(table.titles[0])[again])} comes again. Keep one row for each day.", again, table.titles[0])
     columns = {title: table.numbers(title) for title in titles}
     rows: list[tuple[int, float]] = []
     for row in np.argsort(dates, kind="stable").tolist():

@@ -315,6 +315,10 @@ class PriceTableTable(Table):
             refuse('from_day must have a price: from_day = { "01-15" = 3.5 }.')
         if self.series is not None:
             moments = [point.time for point in self.series]
+            odd = next((moment for moment in moments if (moment.tzinfo is None) != (moments[0].tzinfo is None)), None)
+            if odd is not None:
+                has = "has no" if odd.tzinfo is None else "has an"
+                refuse(f"series: {odd:%Y-%m-%d %H:%M} {has} offset from UTC, unlike the first moment. Write all with one, or all without.")
             if not moments or any(later <= earlier for earlier, later in pairwise(moments)):
                 refuse("series must have moments, each later than the one before.")
             if self.yearly and _utc(moments[0]).year != _utc(moments[-1]).year:

@@ -78,10 +78,7 @@ TEXT_KEYS = ("station", "source", "licence")
 _INSIDE = r"kas|greenhouse|indoor|inside|binnen|innen|set|wens|berekend|calc|bodem|soil|pijp|pipe|rail|water|blad|leaf|gewas|crop|cpu"
 _INSIDE += r"|\bafd|compartment|stook|heat|verwarm|scherm|screen|mat\b|buffer|ketel|boiler"
 _GUESSES: Mapping[str, tuple[str, str]] = {
-    "relative_humidity": (
-        r"\brv\b|\brh\b|rv.?bui|rel.*hum|humid|vocht|feuchte|^hum\b|rv_|_rv|rh_|_rh",
-        rf"{_INSIDE}|abs|deficit|vpd|\bvd\b",
-    ),
+    "relative_humidity": (r"\brv\b|\brh\b|rv.?bui|rel.*hum|humid|vocht|feuchte|^hum\b", rf"{_INSIDE}|abs|deficit|vpd|\bvd\b"),
     "wind_speed": (r"wind|\bwsn|vent\b|viento|^ws$", rf"{_INSIDE}|dir|richting|gust|stoot|window|luwe|raam|zijde|side|roof|lee"),
     "sky_infrared": (r"pyrgeo|long.?wave|infrared|langwel", rf"{_INSIDE}|net|up"),
     "sky_temperature": (r"sky.?temp|hemeltemp", _INSIDE),
@@ -90,7 +87,7 @@ _GUESSES: Mapping[str, tuple[str, str]] = {
         r"straling|radiation|strahlung|solar|pyrano|glob|\bghi\b|irradi|rayonn|radiaci|^rad$|^sun|zon",
         rf"{_INSIDE}|uitstraling|\bnet|long|diff|direct|\bdni\b|\bdhi\b",
     ),
-    "air_temperature": (r"temp|tair|t.?bui|t_air|tout|t_out|t_buiten|^t$|\bta\b|dry.?bulb", rf"{_INSIDE}|dauw|dew|wet|natte|sky|hemel"),
+    "air_temperature": (r"temp|tair|tout|\bt (air|out)|t.?bui|^t$|\bta\b|dry.?bulb", rf"{_INSIDE}|dauw|dew|wet|natte|sky|hemel"),
 }
 """What titles of each quantity look like, and what rules them out; in lower case. The first that fits is taken."""
 

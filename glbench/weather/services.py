@@ -95,7 +95,7 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
         delay = _fact(facts, "irradiance time offset") or 0.0
         whole = round(delay)
         share = 0.5 + delay - whole  # of the hour before the stamp, what lies nearer to the instant that its beginning has
-        late = np.roll(columns["global_radiation"], -whole)
+        late = np.roll(columns["global_radiation"], whole)
         columns["global_radiation"] = share * np.roll(late, 1) + (1.0 - share) * late
         rows = record.Rows(file, stamps, columns, {**TIMING, "sky_infrared": "instant"}, lines)
         notes.append(f"radiation is an instant {delay * 60:.0f} min after the stamp; an hour takes that of the nearest instant")

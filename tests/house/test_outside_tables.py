@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from glbench.errors import WeatherError
-from glbench.outside_tables import TextTable, parse_number, read_stamps, read_text, split_table, step_of, utc_of_local
+from glbench.outside_tables import TextTable, parse_number, read_stamps, read_text, split_table, step_of, time_titles, utc_of_local
 
 TEXT = "Ort;Wert\nZürich;1\nBelém;2\n"
 AMSTERDAM = ZoneInfo("Europe/Amsterdam")
@@ -175,6 +175,9 @@ def test_decimal_signs_that_are_unclear_or_mixed_are_refused() -> None:
         (("01-01-2024", "01-02-2024", "01-03-2024"), ["2024-01-01T00:00", "2024-02-01T00:00", "2024-03-01T00:00"]),  # prices of months
         (("01.01.2024 00:00 - 01.01.2024 01:00",), ["2024-01-01T00:00"]),  # ENTSO-E's ranges
         (("45334.5", "45334.75"), ["2024-02-12T12:00", "2024-02-12T18:00"]),  # Excel's days
+        (("45334.5", "45335"), ["2024-02-12T12:00", "2024-02-13T00:00"]),  # the same over midnight
+        (("2024-07-01 00:00 EEST",), ["2024-06-30T21:00"]),
+        (("2024-07-01 00:00 WEST", "2024-07-01 03:00 EEST"), ["2024-06-30T23:00", "2024-07-01T00:00"]),
         (("1707865200",), ["2024-02-13T23:00"]),  # Unix seconds
         (("1707865200000",), ["2024-02-13T23:00"]),  # milliseconds
     ],
@@ -193,11 +196,18 @@ def test_stamps_of_every_make_are_read(stamps: tuple[str, ...], moments: list[st
         (("2024-02-28 13:00 PM",), "does not exist"),
         (("2024-02-28 01:00", "soon"), "row 3, column 'time': 'soon' is not a time such as"),
         (("2024-02-28 01:00Z", "2024-02-28 02:00"), "row 3, .*lacks an offset from UTC"),
+        (("2024-02-28 01:00 CET", "2024-02-28 02:00 PDT"), "row 3, column 'time': the zone in '2024-02-28 02:00 PDT' is not known"),
     ],
 )
 def test_stamps_that_cannot_be_are_named(stamps: tuple[str, ...], words: str) -> None:
     with pytest.raises(WeatherError, match=words):
         stamps_of(*stamps)
+
+
+def test_days_of_excel_are_recognised_over_midnight_and_counts_are_not() -> None:
+    days = [f"{45352 + hour / 24:.10g}" for hour in range(72)]
+    assert time_titles(table_of("\n".join(["count;when", *(f"{10000 + i};{day}" for i, day in enumerate(days))]))) == ("when",)
+    assert time_titles(table_of("\n".join(["count;number", *(f"{10000 + i};{i}" for i in range(72))]))) == ()
 
 
 def test_local_days_of_23_and_25_hours_become_utc() -> None:

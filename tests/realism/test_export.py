@@ -11,6 +11,7 @@ import pytest
 
 from glbench.errors import ArchiveError
 from glbench.realism import Indoor, read_archive, read_indoor
+from glbench.realism.export import WEATHER_UNITS, read_export
 from glbench.realism.inputs import outdoors
 from tests.realism.made import Made, own_export
 
@@ -104,6 +105,25 @@ def test_a_clock_without_offset_follows_summer_time(tmp_path: Path) -> None:
     indoor = climate_of(folder)
     assert indoor.times.size == 3 * 288 - 12
     assert not np.isnan(indoor.columns["air_temperature"]).any()
+
+
+def test_times_whose_title_says_utc_are_utc(tmp_path: Path) -> None:
+    path = tmp_path / "weather.csv"
+    rows = [f"2020-03-29 {i // 12:02d}:{i % 12 * 5:02d},{i}" for i in range(60)]
+    for title in ("time (UTC)", "datum_utc", "time"):
+        path.write_text("\n".join([f"{title},outdoor_temperature [degC]", *(row for row in rows if title != "time" or " 02" not in row)]))
+        first = read_export(path, WEATHER_UNITS, "Europe/Amsterdam").seconds[0]
+        assert str(np.datetime64(int(first), "s")) == ("2020-03-28T23:00:00" if title == "time" else "2020-03-29T00:00:00")
+
+
+def test_weather_that_is_never_whole_is_refused_in_words(tmp_path: Path) -> None:
+    folder = own_export(Made(), tmp_path)
+    table = pd.read_csv(folder / "weather.csv", index_col="time", comment="#")
+    table.loc[table.index[::2], "outdoor_humidity [%]"] = np.nan
+    table.loc[table.index[1::2], "outdoor_temperature [degC]"] = np.nan
+    (folder / "weather.csv").write_text("# latitude: 52.0\n# longitude: 4.5\n" + table.to_csv())
+    with pytest.raises(ArchiveError, match=r"weather.csv: none of 3 days from 2020-02-10 has a row with global_radiation, outdoor_temperature and outdoor_h"):
+        read_archive(folder, CLOCK)
 
 
 def test_a_bad_sensor_and_few_days_are_doubts(tmp_path: Path) -> None:

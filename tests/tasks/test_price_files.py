@@ -70,6 +70,15 @@ def test_names_of_zones_in_the_hour_that_comes_twice_are_understood(tmp_path: Pa
     assert utc(prices_of(tmp_path, autumn)) == ["10-30 23:00", "10-31 00:00", "10-31 01:00", "10-31 02:00"]
 
 
+@pytest.mark.parametrize("above", ["", "# Downloaded 2024-07-01 08:12 UTC\n", "Downloaded 2024-07-01 08:12 UTC;\n"])
+def test_the_title_of_the_times_counts_before_what_stands_above(tmp_path: Path, above: str) -> None:
+    rows = "".join(f"01.06.2010 {hour:02d}:00;{hour}.5\n" for hour in range(24))
+    assert utc(prices_of(tmp_path, f"{above}MTU (CET/CEST);Day-ahead Price [EUR/MWh]\n{rows}"))[0] == "05-31 22:00"
+    assert utc(prices_of(tmp_path, f"# on CET\n{above}MTU (UTC);Day-ahead Price [EUR/MWh]\n{rows}"))[0] == "06-01 00:00"
+    (doubt,) = prices_of(tmp_path, f"{above}MTU;Day-ahead Price [EUR/MWh]\n{rows}").doubts
+    assert "its times have no offset" in doubt
+
+
 def test_times_that_may_be_local_are_doubted(tmp_path: Path) -> None:
     rows = [f"13-03-2010 {hour:02d}:00;{hour},5" for hour in range(24)]
     text = "\n".join(["Tijdstip;Prijs (EUR/MWh)", *rows])
@@ -133,6 +142,10 @@ def test_an_export_with_decimal_commas_and_a_currency_sign(tmp_path: Path, encod
         ("ct/kWh", KWH, 0.4),
         ("Preis (EUR/kWh)", KWH, 40.0),
         ("€/GJ", KWH, 0.144),
+        ("EURct/kWh", KWH, 0.4),
+        ("€ct per kWh", KWH, 0.4),
+        ("EUR kWh-1", KWH, 40.0),
+        *((f"{words} EUR/MWh", KWH, 0.04) for words in ("Spot price", "Market price", "Export", "Prijs import", "Unit price")),
         ("gas EUR/m3", "EUR m-3", 40.0),
         ("EUR/t", "EUR kg-1", 0.04),
         ("EUR/MWh", "EUR MJ-1", 0.04 / 3.6),
@@ -161,6 +174,11 @@ def test_hours_without_a_price_are_named(tmp_path: Path) -> None:
         ("time,NL,BE\n2010-01-01T00:00,1,2\n", {"column": "NL"}, "the title 'NL' has no unit of prices. Name it: file_unit"),
         ("time,EUR/MWh\n2010-01-01T00:00,1\n", {"column": "NL"}, "there is no column 'NL'"),
         ("time,EUR/MWh\n2010-01-01T00:00,1\n", {"file_unit": "parsec"}, "'parsec' is not a unit of prices"),
+        (
+            "Delivery day;" + ";".join(f"Hour {hour}" for hour in range(1, 25)) + "\n" + ("2010-03-01" + ";1" * 24 + "\n") * 2,
+            {"file_unit": "EUR/MWh"},
+            "row 3, column 'Delivery day': 2010-03-01 comes again. Keep one row for each day",
+        ),
         ("time,EUR/MWh\n" + "2010-01-01T00:00,1\n" * 110_001, {}, "it has 110,001 prices, and a task may have 110,000"),
     ],
 )
@@ -220,6 +238,15 @@ def test_the_check_of_a_task_says_what_is_doubtful_and_refuses_prices_of_other_y
     words = " ".join(other.output.split())
     assert "has no price for 720 of the 720 hours that runs may use" in words
     assert "nothing wrong" not in words
+
+
+def test_moments_with_and_without_an_offset_are_refused_in_words(tmp_path: Path) -> None:
+    path = own_task(tmp_path, 2010)
+    text = path.read_text(encoding="utf-8")
+    series = "series = [{ time = 2010-03-01T00:00:00Z, price = 0.1 }, { time = 2010-03-01T01:00:00, price = 0.2 }]"
+    path.write_text("\n".join(series if line.startswith("file =") else line for line in text.splitlines()), encoding="utf-8")
+    with pytest.raises(TaskError, match="series: 2010-03-01 01:00 has no offset from UTC, unlike the first moment"):
+        get_task(path)
 
 
 def test_the_command_writes_a_plain_file_and_the_lines_of_a_task(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from glbench.cli.app import app
 from glbench.errors import WeatherError
 from glbench.weather import guess_column_map, load_weather, read_columns, read_weather, write_column_map
+from glbench.weather.column_map import guess_quantity
 from glbench.weather.store import write_csv
 
 MAP = """
@@ -131,6 +132,12 @@ def test_a_column_is_taken_with_its_unit_and_from_outside(tmp_path: Path, titles
     record = read_columns(path, columns, coordinates=(52.0, 4.5, 0.0))
     first = [record.values(name)[0] for name in ("air_temperature", "relative_humidity", "wind_speed", "global_radiation")]
     np.testing.assert_allclose(first, expected)
+
+
+@pytest.mark.parametrize("title", ["T_out [degC]", "T_air", "T out [degC]", "T.out", "t_buiten", "Tout", "Tair", "Buitentemp [°C]"])
+def test_a_temperature_is_recognised_however_its_title_is_cut(title: str) -> None:
+    assert guess_quantity(title) == "air_temperature"
+    assert guess_quantity("T_in_out_set") is None
 
 
 def test_titles_that_do_not_say_outside_are_to_be_checked(tmp_path: Path) -> None:

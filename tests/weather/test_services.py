@@ -263,6 +263,8 @@ def test_a_typical_year_of_pvgis_is_whole_and_its_radiation_in_place(read: Calla
     assert record.values("air_temperature")[:2].tolist() == [1.0, 2.0]
     # The instants of 07:15 (dark) and 08:15 (400): of the hour to 08:00, the part after 07:45 is nearer to the second.
     assert record.values("global_radiation")[6:9].tolist() == [0.0, 100.0, 400.0]
+    # With 0.6 h these are the instants of 07:36 and 08:36: the hour from 08:00 has the first for six minutes.
+    assert read(pvgis_typical("0.6")).values("global_radiation")[6:10].tolist() == pytest.approx([0.0, 0.0, 360.0, 400.0])
     assert record.values("sky_infrared")[0] == 300.0
     assert read(pvgis_typical(), timezone="Europe/Rome", year=2013).first.year == 2013
 
