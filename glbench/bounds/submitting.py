@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from glbench import __version__
@@ -66,6 +66,9 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
         better = [comparison.seed for comparison in comparisons if comparison.is_better]
         if better:
             better_book = book.only(better)
+            first = {number: seed for seed, number in better_book.runs.items()}  # runs that share a plan earn the same
+            about = ({**one, "glbench": __version__, **values[first[number]]._asdict()} for number, one in enumerate(better_book.about))
+            better_book = replace(better_book, about=tuple(about))
             (better_book if best_book is None else best_book.merged(better_book)).save(place)
         yield from comparisons
 

@@ -75,11 +75,13 @@ def report(
 
 def _complete(out: Path, workers: int) -> None:
     """Make profiles of the results below ``out``; beside those that come with glbench nothing is written."""
+    from glbench.evaluation.evaluation import TRIALS, VALIDATION
     from glbench.leaderboard import collect_results
     from glbench.report import complete_profiles
 
     with console.messages().status("looking for missing profiles") as status:
-        stored = collect_results([out / "results"])
+        folders = [out / "results", *(out / place / "results" for place in (TRIALS, VALIDATION))]
+        stored = [item for folder in folders for item in collect_results([folder])]  # one by one: a trial stays beside the whole result
         completion = complete_profiles(stored, workers, lambda path: status.update(f"replaying {path}"))
     for path in completion.profiles:
         console.tell(f"Made: {path}")

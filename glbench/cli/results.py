@@ -433,17 +433,21 @@ def _metrics_table(pair: Pair) -> console.Table:
 
 def _tasks_table(tests: Sequence[tuple[Pair, float]]) -> console.Table:
     from glbench.leaderboard.tables import chance_text
+    from glbench.quantities import pretty_unit
 
     first = tests[0][0]
     metrics = first.words.headlines
-    numbers = [*(metric.headed.replace(" [", "\n[") for metric in metrics), "P(A > B)", "p"]
+    of_pairs = [{metric.name: pretty_unit(pair.words.metric(metric.name, {}).unit) for metric in metrics} for pair, _ in tests]
+    mixed = {metric.name for metric in metrics if len({units[metric.name] for units in of_pairs}) > 1}  # the unit is in the cell
+    heads = [metric.heading if metric.name in mixed else metric.headed.replace(" [", "\n[") for metric in metrics]
+    numbers = [*heads, "P(A > B)", "p"]
     title = f"{first.first} (A) minus {first.second} (B), task by task"
     view = console.table(title, "Task", *numbers, numbers=numbers, fold=("Task",), collapse_padding=True)
-    for pair, p_value in tests:
-        gaps = [(pair.gap(metric.name), metric.digits) for metric in metrics]
+    for (pair, p_value), units in zip(tests, of_pairs, strict=True):
+        gaps = [(pair.gap(metric.name), metric.digits, units[metric.name] if metric.name in mixed else "") for metric in metrics]
         view.add(
             pair.task_id.rpartition("/")[2],
-            *(_NONE if gap is None else f"{gap:+,.{digits}f}" for gap, digits in gaps),
+            *(_NONE if gap is None else f"{gap:+,.{digits}f} {unit}".rstrip() for gap, digits, unit in gaps),
             chance_text(pair.improvement.value),
             _p_words(pair, p_value),
         )

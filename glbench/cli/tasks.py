@@ -249,8 +249,9 @@ def references_command(
 
     if write:
         stored, expected = collect_results([out / "results"]), published_expectations()
+        books = best_known_from(stored, expected)
         console.tell(f"Written: {write_references(references_from(stored, expected, read_references()))}")
-        for book in best_known_from(stored, expected).values():
+        for book in books.values():
             console.tell(f"Written: {write_best_known(book)}")
     headings, numbers = ("Task", "Version", "Zero", "is the mean of", "One", "is that of the runs of"), ("Version", "Zero", "One")
     view = console.table("Zero and one of normalised scores", *headings, numbers=numbers, fold=("Task", "is that of the runs of"))

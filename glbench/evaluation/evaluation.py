@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -42,7 +42,7 @@ ROUNDS = "rounds"  # Folder below ``out`` for sealed rounds, each in a folder th
 _SHOWN_COMMITMENT = 16
 TRIALS, VALIDATION = "trials", "validation"  # Folder below ``out`` for trials, which are evaluations with other seeds than the task's
 _MOST_RUNS = 10_000
-_CHECKPOINT_FORMAT = 3
+_CHECKPOINT_FORMAT = 4
 
 
 def prepare(
@@ -89,7 +89,7 @@ def prepare(
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
         settle(folder, task.id, agent.name)
-        stored = _finished(folder, task, agent, seeds, kernel, protected.protection, fresh=fresh)
+        stored = _finished(folder, task, agent, seeds, kernel, protected.protection, limits or TimeLimits(), fresh=fresh)
     workers = min(workers or records.usable_cores(), len(seeds))
     evaluation = Evaluation(
         task,
@@ -213,6 +213,7 @@ def _finished(
     seeds: tuple[int, ...],
     kernel: dict[str, str | float],
     protection: Protection,
+    limits: TimeLimits,
     *,
     fresh: bool,
 ) -> records.Result | None:
@@ -247,7 +248,7 @@ def _finished(
     if made_by != (task.digest, agent.digest, kernel, __version__) or stored.agent.training != agent_record(agent).training:
         return None
     weaker = protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap"
-    if weaker or stored.evaluation.seeds != seeds or stored.task.split != task.split:
+    if weaker or stored.evaluation.seeds != seeds or stored.task.split != task.split or stored.evaluation.limits != _stated(limits):
         return None
     if stored.record is None or not path.with_name(stored.record.file).is_file():
         logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
@@ -342,7 +343,10 @@ class Evaluation:
         if self.out is None:
             return computed.result
         result = save(computed, self.out, self.task, self.episodes, checkpointed=self.interrupted)
-        discard(agent_folder(self.out, self.task.id, self.agent.name))
+        if self.folder is not None:
+            discard(self.folder)
+            with suppress(OSError):  # unfinished work with other seeds stays
+                self.folder.parent.rmdir()
         return result
 
     def result_lock(self) -> AbstractContextManager[None]:
@@ -439,7 +443,7 @@ class Evaluation:
                 decision_seconds=decision_seconds,
                 decision_milliseconds=1e3 * decision_seconds / max(steps, 1),
                 resumed_at_step=resumed_at,
-                limits={f"{name}_seconds": value for name, value in asdict(self.limits).items()},
+                limits=_stated(self.limits),
                 kernel=self.kernel,
                 sandbox=self.protection,
             ),
@@ -466,12 +470,18 @@ class Evaluation:
             "seeds": list(self.seeds),
             "kernel": self.kernel,
             "sandbox": self.protection,
+            "limits": _stated(self.limits),
         }
         if self.task.split == "validation":
             key["split"] = self.task.split
         if self.task.salt_commitment is not None:
             key["salt_commitment"] = self.task.salt_commitment
         return agent_folder(self.out, self.task.id, self.agent.name) / canonical_sha256(key)[:16]
+
+
+def _stated(limits: TimeLimits) -> dict[str, float]:
+    """Time limits as results state them [s]."""
+    return {f"{name}_seconds": value for name, value in asdict(limits).items()}
 
 
 def agent_record(agent: LoadedAgent) -> records.AgentRecord:

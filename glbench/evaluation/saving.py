@@ -28,6 +28,7 @@ from glbench.episodes import (
     episode_path,
     episodes_folder,
     log_bytes,
+    read_episode,
     read_log,
     replayed_episodes,
     write_episode,
@@ -68,6 +69,8 @@ def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]
     result, profile = profiled(task, result, path, log, computed.trace)
     lacking = "Nothing of this evaluation is saved"
     try:
+        for file in episodes_folder(path).glob("seed-*.mcap"):  # of an earlier result: they would be taken for those of the new one
+            file.unlink()
         try:
             write_atomically(waiting, log_bytes(log))
         except GlbenchError:
@@ -79,8 +82,6 @@ def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]
         waiting.replace(actions)
         lacking = "The result and its recorded actions are saved, and not all of profile and full episodes"
         write_atomically(profile_path(path), profile.to_bytes())
-        for file in episodes_folder(path).glob("seed-*.mcap"):  # of an earlier result: they would be taken for those of the new one
-            file.unlink()
         rows, trace = chosen_rows(selection, log.seeds, result.values(task.evaluation.metric)), computed.trace
         if trace is not None:
             _write((trace.episode(task, row, log.provenance, log.runs[row], log.actions[:, row]) for row in rows), episodes_folder(path))
@@ -194,14 +195,21 @@ def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
 def make_episodes(selection: Sequence[str], result: Result, path: Path, task: TaskSpec, folder: Path | None = None) -> tuple[Path, ...]:
     """Make the chosen full episodes of a stored result by replaying; those that are there already stay as they are.
 
-    Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result.
+    Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result, or an episode of another evaluation is
+    where one of them belongs.
     """
     rows = chosen_rows(selection, [run.seed for run in result.runs], result.values(task.evaluation.metric))
-    folder = folder or episodes_folder(path)
-    files = {row: episode_path(folder, result.runs[row].seed) for row in rows}
-    missing = [row for row, file in files.items() if not file.exists()]
+    own = episodes_folder(path)
+    files = {row: episode_path(folder or own, result.runs[row].seed) for row in rows}
+    present = [file for file in files.values() if file.exists()]
+    if folder not in (None, own) and present:  # in its own folder are those of this evaluation
+        provenance = recorded_actions(result, path).provenance
+        for file in present:
+            if read_episode(file).provenance != provenance:
+                refuse(f"{file} is an episode of another evaluation. Choose another folder with --to, or remove it.", EpisodeError)
+    missing = [row for row, file in files.items() if file not in present]
     if missing:
-        _write(replayed_episodes(task, recorded_actions(result, path), missing), folder)
+        _write(replayed_episodes(task, recorded_actions(result, path), missing), folder or own)
     return tuple(files.values())
 
 

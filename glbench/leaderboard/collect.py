@@ -179,7 +179,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     agents = {item.result.agent.name: item.result.agent for item in released}
     by_skeleton = {skeleton(name): name for name in (*agents, *baseline_names())}
     expected = published_expectations()
-    for folder in (out / "results", *(out / trials / "results" for trials in (TRIALS, VALIDATION))):
+    for folder, of_trials in ((out / "results", False), *((out / place / "results", True) for place in (TRIALS, VALIDATION))):
         if real_path(folder) == real_path(home):
             continue
         items, unreadable = read_folder(folder)
@@ -196,7 +196,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             if problem is not None:
                 problems.append(ResultError(problem))
                 continue
-            is_trial = folder.parent.name in (TRIALS, VALIDATION) or (published is not None and published.seeds != result.evaluation.seeds)
+            is_trial = of_trials or (published is not None and published.seeds != result.evaluation.seeds)
             own.append(replace(item, trial=is_trial))
         single, doubles = _one_each(own, folder.parent)
         problems += doubles

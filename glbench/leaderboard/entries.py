@@ -138,7 +138,8 @@ def _version(entry: Entry) -> str:
 def _joined(items: Iterable[StoredResult], seeds: tuple[int, ...]) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:
     """Trainings on one board, by recipe and seeds of the evaluation, in the order of the seeds that they were trained with.
 
-    Each policy occurs once (the same rewards in all runs mean the same policy). A recipe with the same seed twice is left out.
+    Each policy occurs once (the same rewards in all runs mean the same policy, unless all runs failed). A recipe with the same seed twice
+    is left out.
     """
     groups: dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]] = {}
     policies = set[object]()
@@ -147,7 +148,9 @@ def _joined(items: Iterable[StoredResult], seeds: tuple[int, ...]) -> dict[tuple
         if recipe is not None:
             key, agent = (recipe, item.result.evaluation.seeds), item.result.agent
             weights = None if agent.kind == "baseline" or agent.training is None else agent.training.policy
-            same = {(key, agent.digest), (key, weights or agent.digest), (key, tuple(item.result.values(RANKING_METRIC)))}
+            same: set[object] = {(key, agent.digest), (key, weights or agent.digest)}
+            if len(item.result.failed) < len(item.result.runs):  # others have the charge of the task in common
+                same.add((key, tuple(item.result.values(RANKING_METRIC))))
             if not same & policies:
                 groups.setdefault(key, []).append(item)
             policies |= same

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, computed_field
 
 from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard import statistics
@@ -131,6 +131,12 @@ class TaskTable(statistics.FrozenModel):
     """The task's definition, where a result has it."""
     late: tuple[str, ...] = Field(default=(), exclude=True)
     """Sentences that name results made after the round closed."""
+
+    @computed_field(description="unit of every metric in this task; '-' for none")  # type: ignore[prop-decorator]
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of every metric in this task."""
+        return {name: unit for row in self.results for name, unit in row.units.items()}
 
     @property
     def draws(self) -> str:

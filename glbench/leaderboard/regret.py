@@ -164,13 +164,13 @@ def _candidates(stored: Iterable[StoredResult], expected: Mapping[str, Expectati
 
 
 def _best_of_each_seed(results: Sequence[Result], runs: int, metric: str) -> list[tuple[Result, RunResult]]:
-    """The best of each of the first ``runs``, among results that have them all; of two that are equal, that of the last name."""
+    """The best of each of the first ``runs``, among results that have them all, if any; of two that are equal, that of the last name."""
 
     def place(pair: tuple[Result, RunResult]) -> tuple[float, str]:
         return pair[1].metrics[metric], pair[0].agent.name
 
     having = [one for one in results if len(one.runs) >= runs]
-    return [max(((one, one.runs[index]) for one in having), key=place) for index in range(runs)]
+    return [max(((one, one.runs[index]) for one in having), key=place) for index in range(runs)] if having else []
 
 
 def best_known_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, BestKnown]:

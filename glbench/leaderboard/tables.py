@@ -569,6 +569,8 @@ def suite_latex(table: SuiteTable) -> str:
 def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
     """One row a result: rank, provenance, and ``<metric>_mean``, ``_iqm``, ``_low``, ``_high`` with the unit in brackets.
 
+    Where the unit of a metric differs between tasks, it stands in a column ``<metric>_unit`` instead.
+
     Trainings of one entry have the same ``entry``, whose mean over ``trainings`` and range over them stand in ``entry_<metric>_...``.
     """
     rows = [(table, entry, row) for table in tables for entry in table.rows for row in entry.results]
@@ -577,11 +579,20 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
 
 
 def _metrics(tables: Sequence[TaskTable]) -> list[Metric]:
-    """Metrics of the tasks, and what else the rows hold."""
+    """Metrics of the tasks, and what else the rows hold; without a unit where it differs between tasks."""
     rows = [row for table in tables for row in table.results]
-    units = {name: unit for row in rows for name, unit in row.units.items()}
+    units: dict[str, set[str]] = {}
+    for name, unit in (item for row in rows for item in row.units.items()):
+        units.setdefault(name, set()).add(unit)
     words = catalogue(*(table.task for table in tables))
-    return [words.metric(name, units) for name in words.known_first(name for row in rows for name in row.estimates)]
+    names = words.known_first(name for row in rows for name in row.estimates)
+    return [replace(words.metric(name, {}), unit=_shared(units.get(name, {"-"}))) for name in names]
+
+
+def _shared(units: Iterable[str]) -> str:
+    """The unit that all have; empty where they differ."""
+    one, *others = {*units}
+    return "" if others else one
 
 
 def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *, fresh: bool) -> dict[str, object]:
@@ -595,10 +606,11 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
         "kernel_build": row.build,
     }  # fmt: skip
     for metric in metrics:
-        record |= _cells(metric.name, row.estimates.get(metric.name), ("mean", "iqm", "low", "high"), f" [{metric.unit}]")
+        record |= _cells(metric.name, row.estimates.get(metric.name), ("mean", "iqm", "low", "high"), _bracketed(metric.unit))
+        record |= {} if metric.unit else {f"{metric.name}_unit": row.units.get(metric.name)}
     ends = {"mean": "mean", "lowest": "low", "highest": "high"} if entry.is_range else dict.fromkeys(("mean", "lowest", "highest"), "mean")
     for metric in (one for one in metrics if one.column and one.interval):
-        of_all, name, unit = entry.estimates.get(metric.name), f"entry_{metric.name}", f" [{metric.unit}]"
+        of_all, name, unit = entry.estimates.get(metric.name), f"entry_{metric.name}", _bracketed(metric.unit)
         record |= _cells(name, of_all, ends, unit) | _cells(name, of_all, ("deviation",), unit)
         record |= _cells(f"{name}_overall", of_all and of_all.overall, ("low", "high"), unit)
     record["by_year"] = "; ".join(f"{one.year}: {one.mean:.17g} ({one.runs} runs)" for one in row.by_year)
@@ -614,6 +626,10 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
     if fresh:
         record |= _cells("fresh_draws", row.fresh_draws, ("mean", "drop", "low", "margin", "reference", "failed", "marked"))
     return {**record, "task_digest": row.task_digest, "results_digest": row.results_digest}
+
+
+def _bracketed(unit: str) -> str:
+    return f" [{unit}]" if unit else ""
 
 
 def _places(row: Row | SuiteRow, prefix: str = "") -> dict[str, object]:
@@ -632,10 +648,15 @@ def _cells(name: str, of: object, parts: Iterable[str] | Mapping[str, str], unit
 
 
 def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
-    """One row an agent and suite: scores with intervals, and the mean over tasks of every metric with the unit in brackets."""
+    """One row an agent and suite: scores with intervals, and the mean over tasks of every metric with the unit in brackets.
+
+    Where the unit of a metric differs between tasks, it stands in a column ``<metric>_unit`` instead, empty where it differs in the suite.
+    """
     words = of_published(task for table in tables for task in table.tasks)
+    units = [{name: _shared(of_tasks) for name, of_tasks in _units_of(table.tasks).items()} for table in tables]
+    shared = {name: _shared(one[name] for one in units if name in one) for name in words.metrics}
     records = []
-    for table, row in [(one, row) for one in tables for row in one.rows]:
+    for table, own_units, row in [(one, own, row) for one, own in zip(tables, units, strict=True) for row in one.rows]:
         figures = row.figures
         record: dict[str, object] = {
             "suite": table.suite, "rank": row.rank, "agent": row.agent, "tasks": row.tasks, "runs": row.runs,
@@ -653,8 +674,9 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
             record |= {f"{name}{unit}": interval and interval.value, **_cells(name, interval, ("low", "high"), unit)}
         record |= {"money_rank": money and money.rank, "money_reversal": money and money.reversal, **_places(row)}
         record |= {"zero": " ".join(table.zero), "without_plans": " ".join(table.without_plans)}
-        for metric in words.metrics.values():
-            record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)
+        for name, unit in shared.items():
+            record[f"{name}_mean{_bracketed(unit)}"] = figures and figures.metrics.get(name)
+            record |= {} if unit else {f"{name}_unit": own_units.get(name)}
         records.append(record | {
             "failed_runs": figures and figures.failed,
             "decision [ms]": figures and figures.decision_milliseconds,
@@ -666,6 +688,14 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
             "origin": figures and figures.origin,
         })  # fmt: skip
     return _frame(records)
+
+
+def _units_of(tasks: Iterable[str]) -> dict[str, set[str]]:
+    """Units of every metric in some published tasks."""
+    units: dict[str, set[str]] = {}
+    for metric in (metric for task in tasks for metric in of_published([task]).metrics.values()):
+        units.setdefault(metric.name, set()).add(metric.unit)
+    return units
 
 
 def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
@@ -696,15 +726,15 @@ class LeaderboardDocument(FrozenModel):
     """``leaderboard.json``."""
 
     schema_name: Literal["glbench/leaderboard"] = Field(default="glbench/leaderboard", alias="schema")
-    schema_version: Literal[3] = 3
-    units: dict[str, str] = Field(description="unit of every metric; '-' for none")
+    schema_version: Literal[4] = 4
+    units: dict[str, str] = Field(description="unit of every metric that has the same in all tasks; '-' for none")
     tasks: tuple[TaskTable, ...]
     suites: tuple[SuiteTable, ...]
 
 
 def to_json(tables: Sequence[TaskTable], suites: Sequence[SuiteTable] = ()) -> str:
     """The leaderboard as ``LeaderboardDocument``, indented, ending in a newline."""
-    units = {metric.name: metric.unit for metric in _metrics(tables)}
+    units = {metric.name: metric.unit for metric in _metrics(tables) if metric.unit}
     document = LeaderboardDocument(units=units, tasks=tuple(tables), suites=tuple(suites))
     # Without fresh draws, files stay as in earlier versions.
     absent = None if any(map(has_fresh_draws, tables)) else {"tasks": {"__all__": {"rows": _NO_FRESH_DRAWS}}}
@@ -937,9 +967,11 @@ def badge(table: TaskTable, agent: str) -> str:
         refuse(f"'{agent}' is not in the table of {table.task_id}.{did_you_mean(agent, agents)} It has: {', '.join(agents)}.", ResultError)
     ranked = sum(one.rank is not None for one in table.rows)
     rank = f"rank {row.rank} of {ranked}" if row.rank is not None else "not ranked"
-    mean, metric = row.means[table.metric], table.words.metrics[table.metric]
-    score = f"{metric.words} {mean:,.0f}" if abs(mean) < 1e9 else f"{metric.words} {number_text(mean, 0)}"
-    parts = [rank, metric.phrase(mean) if metric.unit != "-" and abs(mean) < 1e9 else score]
+    mean, metric = row.means.get(table.metric), table.words.metrics[table.metric]
+    parts = [rank]
+    if mean is not None:
+        score = f"{metric.words} {mean:,.0f}" if abs(mean) < 1e9 else f"{metric.words} {number_text(mean, 0)}"
+        parts.append(metric.phrase(mean) if metric.unit != "-" and abs(mean) < 1e9 else score)
     if row.is_range:
         parts.append(f"mean of {len(row.trainings)} trainings")
     if row.origin != "own":

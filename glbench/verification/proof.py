@@ -100,6 +100,8 @@ class Verdict:
     episodes: tuple[int, ...] = ()
     reproduced: tuple[str, ...] = ()
     stated: tuple[str, ...] = ()
+    sha256: str = ""
+    """Of the file that was verified, if it was reproduced."""
 
     @property
     def exit_code(self) -> int:
@@ -267,7 +269,7 @@ def proof_path(result: Path) -> Path:
 def save_proof(verdict: Verdict) -> Path | None:
     """Write the note of a verdict beside its result, or remove one that the verdict contradicts; the path if one was written.
 
-    Raises ``GlbenchError`` when the folder cannot be written.
+    A file that changed since it was read for the verdict gets none. Raises ``GlbenchError`` when the folder cannot be written.
     """
     path = proof_path(verdict.path)
     if verdict.exactness is None:
@@ -278,9 +280,10 @@ def save_proof(verdict: Verdict) -> Path | None:
                 refuse(f"Cannot remove {path}, which the verdict contradicts: {error.strerror or error}.", GlbenchError, error)
         return None
     result = load_result(verdict.path)
-    assert result.record is not None
+    if result.record is None or result_sha256(verdict.path) != verdict.sha256:
+        return None
     proof = Proof(
-        result=verdict.path.name, result_sha256=_sha256(verdict.path), results_digest=result.results_digest,
+        result=verdict.path.name, result_sha256=verdict.sha256, results_digest=result.results_digest,
         record_digest=result.record.digest, exactness=verdict.exactness, largest_difference=verdict.largest_difference, runs=verdict.runs,
         steps=verdict.steps, full_episodes=verdict.episodes, reproduced=verdict.reproduced, stated=verdict.stated, glbench=__version__,
         machine=this_machine(),
@@ -294,7 +297,7 @@ def read_proof(result: Path) -> Proof | None:
     """The note on exactly this result file; ``None`` when there is none, or it is of other content."""
     try:
         proof = Proof.model_validate_json(read_regular(proof_path(result), _LARGEST))
-        return proof if proof.result_sha256 == _sha256(result) else None
+        return proof if proof.result_sha256 == result_sha256(result) else None
     except (OSError, ValidationError):
         return None
 
@@ -331,5 +334,6 @@ def _seal(proof: Proof, *, create: bool) -> str | None:
     return hmac.new(key, proof.model_dump_json(exclude={"seal"}).encode(), "sha256").hexdigest()
 
 
-def _sha256(path: Path) -> str:
+def result_sha256(path: Path) -> str:
+    """SHA-256 of a result file, with the line ends of Unix."""
     return hashlib.sha256(with_unix_line_ends(path.name, read_regular(path, LARGEST_RESULT))).hexdigest()

@@ -170,6 +170,9 @@ def test_a_result_of_any_agent_may_be_handed_in(published: TaskSpec, known: Plan
     ((task, book),) = candidates(path)
     assert (task.digest, book.seeds) == (published.digest, (20, 21))
     compared = list(submit([path], known))
+    adopted = read_book(known.place(published))
+    for one in compared:
+        assert adopted.about_run(one.seed)["reward"] == one.value.reward  # what `glbench bound` shows beside new plans
     assert all(one.is_better for one in compared)
     # Rounded actions earn nearly what the agent earned.
     for one, run in zip(compared, result.runs, strict=True):

@@ -5,10 +5,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from glbench.evaluation import TimeLimits, evaluate
 from glbench.evaluation.limits import TimeUp, guarded
+from glbench.tasks import TaskSpec
+from tests.evaluation.agent_files import AgentWriter
 
 
 @pytest.fixture
@@ -94,3 +98,10 @@ def test_time_in_which_the_process_stood_still_does_not_count(sleeps: float, in_
 
     assert answer.startswith("True True" if in_time else "False"), answer
     assert in_time or "act took longer than its limit of 3 s" in answer
+
+
+def test_a_result_under_other_limits_is_not_taken_for_this_one(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
+    agent = write_agent("    def act(self, observations):\n        __import__('time').sleep(0.05)\n        return np.zeros((self.n, 6))\n")
+    for limit, status in ((0.001, "timed_out"), (10.0, "ok")):
+        result = evaluate(day_task, agent, out=tmp_path, limits=TimeLimits(step=limit))
+        assert {run.status for run in result.runs} == {status}

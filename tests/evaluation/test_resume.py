@@ -16,7 +16,7 @@ import pytest
 from glbench.errors import GlbenchError
 from glbench.evaluation import Progress, Result, checkpoint, evaluate, prepare
 from glbench.tasks import TaskSpec
-from tests.evaluation.agent_files import AgentWriter
+from tests.evaluation.agent_files import GOOD, AgentWriter
 
 
 class StopError(Exception):
@@ -235,3 +235,12 @@ def test_wall_time_counts_what_was_spent_before_the_interruption(day_task: TaskS
 
     assert resumed.evaluation.wall_seconds > 24 * 0.02
     assert 24 * 0.02 < resumed.evaluation.decision_seconds < resumed.evaluation.wall_seconds
+
+
+def test_a_trial_leaves_unfinished_work_with_other_seeds_alone(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
+    agent = write_agent(GOOD)
+    with pytest.raises(StopError):
+        evaluate(day_task, agent, runs=6, first_seed=50, out=tmp_path, checkpoint_seconds=0.0, progress=stop_after(12))
+    evaluate(day_task, agent, runs=1, first_seed=99, out=tmp_path)
+    assert prepare(day_task, agent, runs=6, first_seed=50, out=tmp_path).interrupted
+    assert evaluate(day_task, agent, runs=6, first_seed=50, out=tmp_path).evaluation.resumed_at_step == 12

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from glbench.episodes import read_log
-from glbench.errors import GlbenchError
+from glbench.errors import EpisodeError, GlbenchError
 from glbench.evaluation import evaluate, load_result, prepare, saving
 from glbench.tasks import TaskSpec
+from glbench.verification import verify
 from tests.evaluation.agent_files import GOOD, AgentWriter
 
 PLACE = Path("results") / "Day-v1"
@@ -96,3 +97,28 @@ def test_what_a_kill_left_beside_a_finished_result_goes_with_the_next_look_at_it
     assert again.stored == result == load_result(tmp_path / PLACE / "agent_under_test.json")
     assert not (tmp_path / ".partial").exists()
     assert not leftover.exists()
+
+
+def test_episodes_of_another_agent_never_pass_for_those_of_a_result(day_task, write_agent, tmp_path, monkeypatch) -> None:
+    agent = write_agent(GOOD)
+    evaluate(day_task, agent, out=tmp_path, episodes="all")
+    write_agent(OTHER)
+    write = saving.write_atomically
+
+    def killed_after_the_result(path: Path, data: bytes) -> None:
+        if not path.name.endswith(".waiting"):
+            raise KilledError
+        write(path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(saving, "write_atomically", killed_after_the_result)
+        with pytest.raises(KilledError):
+            evaluate(day_task, agent, out=tmp_path, episodes="all")
+    evaluate(day_task, agent, out=tmp_path, episodes="all")
+    path = tmp_path / PLACE / f"{agent.stem}.json"
+    assert verify(path).outcome == "reproduced"
+
+    first, second = evaluate(day_task, "rule_based", out=tmp_path), load_result(path)
+    saving.make_episodes(("best",), first, path.with_name("rule_based.json"), day_task, tmp_path / "both")
+    with pytest.raises(EpisodeError, match=r"is an episode of another evaluation\. Choose another folder with --to"):
+        saving.make_episodes(("all",), second, path, day_task, tmp_path / "both")

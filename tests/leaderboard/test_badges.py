@@ -7,8 +7,9 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from glbench.errors import ResultError
-from glbench.leaderboard import rank
+from glbench.leaderboard import Expectation, rank
 from glbench.leaderboard.tables import badge
+from tests.leaderboard.synthetic import TASK, digest_of, make_result, of_another_version, stored
 
 
 @pytest.fixture
@@ -35,3 +36,10 @@ def test_only_a_reproduced_result_is_called_so_and_green(table):
 def test_an_agent_without_a_row_is_said_with_those_there_are(table):
     with pytest.raises(ResultError, match="good"):
         badge(table, "absent")
+
+
+def test_a_badge_of_a_result_without_the_metric_has_no_number(store):
+    expected = {TASK: Expectation(digest_of("meadow"), (666, 667), "epi")}
+    other = of_another_version(make_result("old", [10.0, 11.0]), ("epi",), {})
+    (table,) = rank([store("good", [3150.0, 3151.0]), stored(other)], expected)
+    assert text_of(badge(table, "old")) == "glbench/Meadow-v1 not ranked"

@@ -273,3 +273,15 @@ def test_two_builds_of_one_preset_are_told_apart(store):
     assert kernel_note(builds).startswith("Two kernel builds: 111111 (ccc, a), 222222 (bb).")
     (methods,) = rank([stepped("a", "1"), stepped("bb", "1", method="Rodas3")], EXPECTED)
     assert kernel_note(methods).startswith("Two kernel builds: 111111.")
+
+
+def test_trainings_that_failed_count_in_the_mean_of_their_recipe(store):
+    scores = [[10.0 + seed, 11.0 + seed] if seed < 2 else [-1000.0, -1000.0] for seed in range(5)]
+    names = ["z", *(f"z_seed{seed}" for seed in range(1, 5))]
+    trainings = [
+        store(name, values, recipe=("z", seed), crashed=2 if seed >= 2 else 0)
+        for seed, (name, values) in enumerate(zip(names, scores, strict=True))
+    ]
+    (table,) = rank(trainings, {})
+    (row,) = table.rows
+    assert (len(row.results), row.failed, row.means["reward"]) == (5, 6, pytest.approx(np.mean(scores)))

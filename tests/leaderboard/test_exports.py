@@ -6,13 +6,15 @@ import json
 from pathlib import Path
 
 import jsonschema
+import pandas as pd
 import pytest
 
-from glbench.leaderboard import rank
+from glbench.evaluation import load_result
+from glbench.leaderboard import rank, to_frame
 from glbench.leaderboard.suites import suite_table
 from glbench.leaderboard.tables import json_schema, to_json, to_latex
 from glbench.tasks.references import References
-from tests.leaderboard.synthetic import TASK
+from tests.leaderboard.synthetic import MONEY, TASK, make_result, stored
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "schema" / "leaderboard.schema.json"
 
@@ -57,3 +59,29 @@ def test_latex_escapes_names_marks_the_privileged_and_has_units(tables):
     assert text.count(r"\\") == 6, "a table of scores and one of resources"
     assert "Yield, fresh [kg/m$^2$]" in text
     assert "Training [steps]" in text
+
+
+def test_a_unit_that_differs_between_tasks_stands_beside_each_row(store):
+    points = store("first", [50.0, 51.0])
+    money = make_result("first", [5.0, 6.0], task_id="glbench/Orchard-v1", task_digest="0" * 64)
+    tables = rank([points, stored(money.model_copy(update={"units": money.units | MONEY}))], {})
+    frame = to_frame(tables)
+    assert dict(zip(frame["task"], frame["reward_unit"], strict=True)) == {TASK: "-", "glbench/Orchard-v1": "EUR m-2"}
+    assert not [name for name in frame if name.startswith(("reward_", "penalty_", "entry_reward_")) and "[" in name]
+    assert "epi_mean [EUR m-2]" in frame
+    document = json.loads(to_json(tables))
+    assert not {"reward", "penalty"} & document["units"].keys()
+    assert [table["units"]["reward"] for table in document["tasks"]] == ["-", "EUR m-2"]
+
+
+def test_the_released_tables_have_the_units_of_the_results() -> None:
+    released = Path(__file__).resolve().parents[2] / "reports" / "released"
+    table, suites = pd.read_csv(released / "leaderboard.csv"), pd.read_csv(released / "leaderboard.suites.csv")
+    units = {task.removeprefix("glbench/"): set(of["reward_unit"].str.removeprefix("'")) for task, of in table.groupby("task")}
+    assert units["Schiphol2010-Delta10-v1"] == {"-"}
+    assert units["Spring-v1"] == units["GreenhouseReal-v1"] == {"EUR m-2"}
+    for task, own in units.items():
+        file = next(file for file in (released / "results" / task).glob("*.json") if not file.name.endswith(".proof.json"))
+        assert own == {load_result(file).units["reward"]}
+    assert set(suites.loc[suites["suite"] == "paper", "reward_unit"]) == {"'-"}  # a cell that begins with a minus is no formula
+    assert set(suites.loc[suites["suite"] == "control-2025", "penalty_unit"]) == {"EUR m-2"}

@@ -6,14 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from glbench.evaluation import Result, load_result
+from glbench.evaluation import Result, evaluate, load_result
 from glbench.evaluation.evaluation import TRIALS
 from glbench.evaluation.files import result_path, save_result
 from glbench.evaluation.records import results_digest, summarise
 from glbench.leaderboard import StoredResult, rank
 from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.resources import data_folder
+from glbench.tasks import get_task
 from tests.leaderboard.synthetic import digest_of, make_result
+from tests.support import write_short_task
 
 pytestmark = pytest.mark.usefixtures("few_released")
 TASK = "glbench/Schiphol2010-Delta10-v1"
@@ -197,3 +199,11 @@ def test_of_two_versions_of_a_task_of_ones_own_the_one_with_more_results_counts(
     assert {item.result.agent.name for item in stored if not item.released} == {"one", "two"}
     assert f"{path} is of another version of 'glbench/Meadow-v1'" in str(problem)
     assert rank(stored, published_expectations())
+
+
+def test_a_folder_that_is_called_trials_has_whole_results(tmp_path: Path) -> None:
+    task = get_task(write_short_task(tmp_path, "Day", days=1))
+    evaluate(task, "rule_based", out=tmp_path / "trials")
+    stored, _ = own_and_released_results(tmp_path / "trials")
+    (table,) = rank([one for one in stored if one.result.task.id == task.id], published_expectations())
+    assert [(row.agent, row.rank, row.origin) for row in table.rows] == [("rule_based", 1, "own")]

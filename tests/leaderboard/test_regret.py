@@ -328,3 +328,8 @@ def test_nobody_who_acts_through_the_actuation_is_ahead_of_the_shipped_best_know
         assert regret.total.mean == pytest.approx(regret.profit.mean + regret.violations.mean, abs=1e-9)
         if can_be_best_known(item.result.agent):
             assert regret.runs_ahead == 0
+
+
+def test_without_plans_and_with_first_runs_only_there_is_no_best_known() -> None:
+    expected = {TASK: Expectation(digest_of("meadow"), tuple(range(666, 676)))}
+    assert best_known_from([stored(make_result("a", [1.0, 2.0, 3.0]))], expected) == {}

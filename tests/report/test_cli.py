@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -36,6 +37,10 @@ def test_missing_profiles_are_named_and_can_be_made(glbench, folder):
     answer = glbench("report", "--out", folder, "--complete", "--workers", "1")
     assert f"Made: {profile_path(path)}" in answer.err
     assert profile_path(path).read_bytes() == kept
+    trial = Path(shutil.copytree(path.parent, folder / "trials" / "results" / "Days-v1")) / path.name
+    profile_path(trial).unlink()
+    assert glbench("report", "--out", folder, "--complete", "--workers", "1").code == 0
+    assert profile_path(trial).read_bytes() == kept
 
 
 @pytest.mark.usefixtures("few_released")

@@ -189,3 +189,16 @@ def test_names_of_files_do_not_steer_the_terminal(tmp_path):
     assert done.exit_code == 1
     assert "\x1b[2J" not in done.output
     assert "\x07" not in done.output
+
+
+def test_a_file_that_changes_under_the_verification_gets_no_note(wavy):
+    honest = wavy.read_bytes()
+
+    def swap(step, steps):
+        if step == 5:
+            wavy.write_bytes(honest.replace(b'"created"', b'"created" '))
+
+    verdict = verify(wavy, progress=swap)
+    assert verdict.outcome == "reproduced"
+    assert save_proof(verdict) is None
+    assert not was_reproduced(wavy)
