@@ -70,8 +70,8 @@ STAMP: Final = re.compile(
 )
 """A date, with a time of day and its offset from UTC where there are any."""
 _ZONES: Final = {
-    "WET": "+00:00", "WEST": "+01:00", "CET": "+01:00", "MEZ": "+01:00", "CEST": "+02:00", "MESZ": "+02:00",
-    "EET": "+02:00", "EEST": "+03:00",
+    "UTC": "+00:00", "GMT": "+00:00", "WET": "+00:00", "WEST": "+01:00", "CET": "+01:00", "MEZ": "+01:00", "CEST": "+02:00",
+    "MESZ": "+02:00", "EET": "+02:00", "EEST": "+03:00",
 }  # fmt: skip
 _MONTHS: Final = {
     "jan": 1, "feb": 2, "fév": 2, "maa": 3, "mrt": 3, "mar": 3, "mär": 3, "apr": 4, "avr": 4, "mei": 5, "may": 5, "mai": 5, "jun": 6,
@@ -515,7 +515,7 @@ def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: Dat
         match = stamp_in(text)
         if match is None:
             table.refuse(f"'{visible(text[:60])}' is not a time such as 2024-02-13 23:00 or 13-02-2024 23:00. Correct the file.", i, name)
-        if match["zone"] and match["zone"] not in _ZONES:
+        if match["zone"] and match["offset"] is None and match["zone"] not in _ZONES:
             problem = f"the zone in '{visible(text[:60])}' is not known. Write its offset from UTC, such as -05:00, or leave it out"
             table.refuse(f"{problem} and name the clock.", i, name)
         matches.append(match)

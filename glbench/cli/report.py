@@ -81,7 +81,7 @@ def _complete(out: Path, workers: int) -> None:
 
     with console.messages().status("looking for missing profiles") as status:
         folders = [out / "results", *(out / place / "results" for place in (TRIALS, VALIDATION))]
-        stored = [item for folder in folders for item in collect_results([folder])]  # one by one: a trial stays beside the whole result
+        stored = [item for folder in folders for item in collect_results([folder])]  # in one call, the full result would hide its trial
         completion = complete_profiles(stored, workers, lambda path: status.update(f"replaying {path}"))
     for path in completion.profiles:
         console.tell(f"Made: {path}")

@@ -345,7 +345,7 @@ class Evaluation:
         result = save(computed, self.out, self.task, self.episodes, checkpointed=self.interrupted)
         if self.folder is not None:
             discard(self.folder)
-            with suppress(OSError):  # unfinished work with other seeds stays
+            with suppress(OSError):  # unfinished work of other evaluations stays
                 self.folder.parent.rmdir()
         return result
 

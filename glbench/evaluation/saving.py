@@ -69,8 +69,6 @@ def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]
     result, profile = profiled(task, result, path, log, computed.trace)
     lacking = "Nothing of this evaluation is saved"
     try:
-        for file in episodes_folder(path).glob("seed-*.mcap"):  # of an earlier result: they would be taken for those of the new one
-            file.unlink()
         try:
             write_atomically(waiting, log_bytes(log))
         except GlbenchError:
@@ -78,6 +76,8 @@ def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]
                 save_result(result, out)
                 lacking = "The result is saved, and not the recorded actions, without which nobody can verify it"
             raise
+        for file in episodes_folder(path).glob("seed-*.mcap"):  # of an earlier result: they would be taken for those of the new one
+            file.unlink()
         save_result(result, out)
         waiting.replace(actions)
         lacking = "The result and its recorded actions are saved, and not all of profile and full episodes"
@@ -195,8 +195,8 @@ def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
 def make_episodes(selection: Sequence[str], result: Result, path: Path, task: TaskSpec, folder: Path | None = None) -> tuple[Path, ...]:
     """Make the chosen full episodes of a stored result by replaying; those that are there already stay as they are.
 
-    Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result, or an episode of another evaluation is
-    where one of them belongs.
+    Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result, or when ``folder`` already holds an
+    episode of another evaluation under the same name.
     """
     rows = chosen_rows(selection, [run.seed for run in result.runs], result.values(task.evaluation.metric))
     own = episodes_folder(path)

@@ -149,7 +149,7 @@ def _joined(items: Iterable[StoredResult], seeds: tuple[int, ...]) -> dict[tuple
             key, agent = (recipe, item.result.evaluation.seeds), item.result.agent
             weights = None if agent.kind == "baseline" or agent.training is None else agent.training.policy
             same: set[object] = {(key, agent.digest), (key, weights or agent.digest)}
-            if len(item.result.failed) < len(item.result.runs):  # others have the charge of the task in common
+            if len(item.result.failed) < len(item.result.runs):  # where all runs failed, every policy has what the task charges
                 same.add((key, tuple(item.result.values(RANKING_METRIC))))
             if not same & policies:
                 groups.setdefault(key, []).append(item)

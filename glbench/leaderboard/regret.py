@@ -164,7 +164,7 @@ def _candidates(stored: Iterable[StoredResult], expected: Mapping[str, Expectati
 
 
 def _best_of_each_seed(results: Sequence[Result], runs: int, metric: str) -> list[tuple[Result, RunResult]]:
-    """The best of each of the first ``runs``, among results that have them all, if any; of two that are equal, that of the last name."""
+    """The best result of each of the first ``runs``, among those that have them all; empty if none has. Of equals, the last name's."""
 
     def place(pair: tuple[Result, RunResult]) -> tuple[float, str]:
         return pair[1].metrics[metric], pair[0].agent.name

@@ -727,7 +727,7 @@ class LeaderboardDocument(FrozenModel):
 
     schema_name: Literal["glbench/leaderboard"] = Field(default="glbench/leaderboard", alias="schema")
     schema_version: Literal[4] = 4
-    units: dict[str, str] = Field(description="unit of every metric that has the same in all tasks; '-' for none")
+    units: dict[str, str] = Field(description="unit of every metric whose unit is the same in all tasks; '-' for none")
     tasks: tuple[TaskTable, ...]
     suites: tuple[SuiteTable, ...]
 

@@ -316,7 +316,9 @@ def _read_own(folder: Path, clock: str) -> Archive:
         present = ~np.isnan(outside + columns["Rhout"] + columns["Iglob"])
         if not present.any():
             together = "global_radiation, outdoor_temperature and outdoor_humidity together"
-            refuse(f"{table.file}: none of {days} days from {first} has a row with {together}. Export means with all three.", ArchiveError)
+            refuse(
+                f"{table.file}: none of the {days} days from {first} has a row with {together}. Export averages of all three.", ArchiveError
+            )
         temperature, humidity, radiation = (
             np.interp(times, times[present], columns[name][present]).reshape(-1, 12).mean(axis=1) for name in ("Tout", "Rhout", "Iglob")
         )

@@ -187,7 +187,7 @@ def _clock_of(table: TextTable, time: str, clock: object) -> tuple[ZoneInfo | No
 
 
 def _titles(table: TextTable) -> str:
-    """All titles and what stands above them, but for lines with a date, such as that of the download."""
+    """All titles and the lines above them, except lines with a date, such as that of the download."""
     return " ".join((*table.titles, *(line for line in table.preamble if not STAMP.search(line))))
 
 
@@ -224,7 +224,7 @@ def _days_of_hours(table: TextTable, titles: list[str], zone: ZoneInfo) -> tuple
     days, first = np.unique(dates, return_index=True)
     if days.size < dates.size:
         again = int(np.setdiff1d(np.arange(dates.size), first)[0])
-        table.refuse(f"{visible(table.texts(table.titles[0])[again])} comes again. Keep one row for each day.", again, table.titles[0])
+        table.refuse(f"{visible(table.texts(table.titles[0])[again])} appears twice. Keep one row for each day.", again, table.titles[0])
     columns = {title: table.numbers(title) for title in titles}
     rows: list[tuple[int, float]] = []
     for row in np.argsort(dates, kind="stable").tolist():

@@ -101,7 +101,7 @@ class Verdict:
     reproduced: tuple[str, ...] = ()
     stated: tuple[str, ...] = ()
     sha256: str = ""
-    """Of the file that was verified, if it was reproduced."""
+    """SHA-256 of the file that was verified; empty unless it was reproduced."""
 
     @property
     def exit_code(self) -> int:

@@ -1342,7 +1342,7 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/study.md": [
         (
-            "PPO without memory ({} and {} EUR/m², test split)",
+            "PPO without memory (from {} to {} EUR/m², test split)",
             lambda: tuple(in_cell(one, "mpc - ppo")[0] for one in ("centre", "draw-step")),
         ),
         ("in the {} runs of its test split", lambda: HEADLINE.evaluation.runs),

@@ -122,7 +122,7 @@ def test_weather_that_is_never_whole_is_refused_in_words(tmp_path: Path) -> None
     table.loc[table.index[::2], "outdoor_humidity [%]"] = np.nan
     table.loc[table.index[1::2], "outdoor_temperature [degC]"] = np.nan
     (folder / "weather.csv").write_text("# latitude: 52.0\n# longitude: 4.5\n" + table.to_csv())
-    with pytest.raises(ArchiveError, match=r"weather.csv: none of 3 days from 2020-02-10 has a row with global_radiation"):
+    with pytest.raises(ArchiveError, match=r"weather.csv: none of the 3 days from 2020-02-10 has a row with global_radiation"):
         read_archive(folder, CLOCK)
 
 

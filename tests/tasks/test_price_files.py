@@ -177,7 +177,7 @@ def test_hours_without_a_price_are_named(tmp_path: Path) -> None:
         (
             "Delivery day;" + ";".join(f"Hour {hour}" for hour in range(1, 25)) + "\n" + ("2010-03-01" + ";1" * 24 + "\n") * 2,
             {"file_unit": "EUR/MWh"},
-            "row 3, column 'Delivery day': 2010-03-01 comes again. Keep one row for each day",
+            "row 3, column 'Delivery day': 2010-03-01 appears twice. Keep one row for each day",
         ),
         ("time,EUR/MWh\n" + "2010-01-01T00:00,1\n" * 110_001, {}, "it has 110,001 prices, and a task may have 110,000"),
     ],
