@@ -81,6 +81,7 @@ def prepare(
     # Absolute at once: an agent may change the working directory.
     folder = None if out is None else results_folder(real_path(Path(out).expanduser()), task)
     kernel = shared_kernel(task.model_value, task.step_seconds).describe()
+    limits = limits or TimeLimits.of_table(task.evaluation.time_limits)
     stored = None
     if folder is not None and task.split == "validation":
         folder = folder / VALIDATION
@@ -89,7 +90,7 @@ def prepare(
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
         settle(folder, task.id, agent.name)
-        stored = _finished(folder, task, agent, seeds, kernel, protected.protection, limits or TimeLimits(), fresh=fresh)
+        stored = _finished(folder, task, agent, seeds, kernel, protected.protection, limits, fresh=fresh)
     workers = min(workers or records.usable_cores(), len(seeds))
     evaluation = Evaluation(
         task,
@@ -98,7 +99,7 @@ def prepare(
         workers,
         kernel,
         folder,
-        limits or TimeLimits.of_table(task.evaluation.time_limits),
+        limits,
         checkpoint_seconds,
         stored,
         selection,
@@ -248,7 +249,7 @@ def _finished(
     if made_by != (task.digest, agent.digest, kernel, __version__) or stored.agent.training != agent_record(agent).training:
         return None
     weaker = protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap"
-    if weaker or stored.evaluation.seeds != seeds or stored.task.split != task.split or stored.evaluation.limits != _stated(limits):
+    if weaker or stored.evaluation.seeds != seeds or stored.task.split != task.split or stored.evaluation.limits != _seconds_of(limits):
         return None
     if stored.record is None or not path.with_name(stored.record.file).is_file():
         logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
@@ -443,7 +444,7 @@ class Evaluation:
                 decision_seconds=decision_seconds,
                 decision_milliseconds=1e3 * decision_seconds / max(steps, 1),
                 resumed_at_step=resumed_at,
-                limits=_stated(self.limits),
+                limits=_seconds_of(self.limits),
                 kernel=self.kernel,
                 sandbox=self.protection,
             ),
@@ -470,7 +471,7 @@ class Evaluation:
             "seeds": list(self.seeds),
             "kernel": self.kernel,
             "sandbox": self.protection,
-            "limits": _stated(self.limits),
+            "limits": _seconds_of(self.limits),
         }
         if self.task.split == "validation":
             key["split"] = self.task.split
@@ -479,7 +480,7 @@ class Evaluation:
         return agent_folder(self.out, self.task.id, self.agent.name) / canonical_sha256(key)[:16]
 
 
-def _stated(limits: TimeLimits) -> dict[str, float]:
+def _seconds_of(limits: TimeLimits) -> dict[str, float]:
     """Time limits as results state them [s]."""
     return {f"{name}_seconds": value for name, value in asdict(limits).items()}
 

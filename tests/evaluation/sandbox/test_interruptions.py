@@ -49,6 +49,6 @@ def test_an_evaluation_that_is_killed_takes_its_agent_along_and_goes_on_later(
             break
 
     assert survivors() == []
-    resumed = sandboxed(agent, out=out).run()
+    resumed = sandboxed(agent, out=out, limits=None).run()  # under the same limits as before
     assert resumed.evaluation.resumed_at_step is not None
     assert [run.metrics for run in resumed.runs] == [run.metrics for run in good_result.runs]

@@ -169,7 +169,9 @@ def test_a_stored_result_without_sandbox_does_not_pass_for_one_with(
     assert sandboxed(path, out=tmp_path).stored is None
     sandboxed(path, out=tmp_path).run()
     assert sandboxed(path, out=tmp_path).stored is not None
-    assert prepare(day_task, path, out=tmp_path).stored is not None
+    limits = TimeLimits(start=120.0, step=10.0, run=600.0)
+    assert prepare(day_task, path, out=tmp_path, limits=limits).stored is not None
+    assert prepare(day_task, path, out=tmp_path).stored is None, "made under other limits"
 
 
 @pytest.mark.slow
