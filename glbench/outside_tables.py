@@ -55,7 +55,7 @@ _NOT_TABLES: Final = (
 )
 _MARKUP: Final = re.compile(r"\s*<(!doctype|html|\?xml|[a-z_:]+[ >])", re.IGNORECASE)
 _SAMPLE_LINES = 40
-_EXCEL_DAY = r"\d{5}(?:[.,]\d+)?"
+_EXCEL_DAY = r"[2-7]\d{4}(?:[.,]\d+)?"  # From 1954 to 2119
 _EXCEL_EPOCH = -2209161600  # 1899-12-30 in seconds since 1970
 _INTERVAL = re.compile(r"[\d)Z]\s+[-\u2013]\s+\d")
 _OF_DAY = re.compile(r"\b(uur|tijd|hour|time|stunde|heure)", re.IGNORECASE)
@@ -469,7 +469,7 @@ def _counts_time(texts: Sequence[str]) -> bool:
     """Whether a column holds Excel's days, of which a midnight has no decimals, or Unix seconds."""
     if re.fullmatch(r"1?\d{9}|1?\d{12}", texts[0]):
         return True
-    return all(re.fullmatch(_EXCEL_DAY, text) for text in texts) and any(not text.isdigit() for text in texts)
+    return re.fullmatch(_EXCEL_DAY, texts[0]) is not None and any(re.fullmatch(r"\d{5}[.,]\d+", text) for text in texts)
 
 
 def says_utc(text: str) -> bool:

@@ -62,7 +62,8 @@ def verify(
             console.print_warning(f"{path.name} is late: it states that it was made at {created}, and {closed}.")
         if proof and not is_released(path):  # released results keep the note that came with them
             try:
-                save_proof(verdict)
+                if save_proof(verdict) is None and verdict.outcome == "reproduced":
+                    console.print_warning(f"{path.name} changed while it was verified, so no note of it was stored. Verify it again.")
             except GlbenchError as error:
                 console.print_warning(f"The verdict stands, but no note of it was stored. {error}")
         console.show(console.View(_parts(verdict), _document(verdict), indent=None), as_json=as_json)

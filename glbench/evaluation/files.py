@@ -48,18 +48,24 @@ def load_result(path: Path | str) -> Result:
 
     Raises ``ResultError`` when the file is missing, is no JSON, has another schema, lacks runs, or does not match its own digest.
     """
+    return load_with_bytes(path)[0]
+
+
+def load_with_bytes(path: Path | str) -> tuple[Result, bytes]:
+    """As ``load_result``, with the bytes of the file that the result was read from."""
     if not isinstance(path, Path | str):
         refuse(f"A result is read from its file (a path); got {path!r}.", ResultError)
     path = Path(path)
     try:
-        text = read_regular(path, LARGEST_RESULT).decode()
+        content = read_regular(path, LARGEST_RESULT)
+        text = content.decode()
     except FileNotFoundError as error:
         refuse(f"There is no result file {path}. Make one with `glbench evaluate`.", ResultError, error)
     except (OSError, UnicodeDecodeError) as error:
         refuse(f"Cannot read the result file {path}: {reason_of(error)}.", ResultError, error)
     _check_schema(path, text)
     try:
-        return Result.model_validate_json(text)
+        return Result.model_validate_json(text), content
     except ValidationError as error:
         msg = f"{path} is no valid result: {first_problems(error, _MOST_PROBLEMS)}. Evaluate again with `glbench evaluate ... --fresh`."
         raise ResultError(msg) from error

@@ -11,7 +11,8 @@ from pydantic import ValidationError
 from glbench.episodes import ActionLog, Episode, read_episode, read_log
 from glbench.episodes.header import PARTS, task_of
 from glbench.errors import EpisodeError, GlbenchError, ResultError
-from glbench.evaluation import Result, load_result
+from glbench.evaluation import Result
+from glbench.evaluation.files import load_with_bytes
 from glbench.evaluation.metrics import with_missing_steps
 from glbench.evaluation.saving import run_facts
 from glbench.registration import task_ids
@@ -23,10 +24,10 @@ _MOST_STEPS = 600_000
 """Of a task that a record brings along: a year of minutes has 525,600, and a task takes memory for the weather of each step."""
 
 
-def read_result(path: Path) -> Result:
-    """The result, or the verdict on a file that is none."""
+def read_result(path: Path) -> tuple[Result, bytes]:
+    """The result and the bytes of its file, or the verdict on a file that is none."""
     try:
-        return load_result(path)
+        return load_with_bytes(path)
     except ResultError as error:
         if isinstance(error.__cause__, ValidationError):
             refute("inconsistent", f"The result contradicts itself. {error}")

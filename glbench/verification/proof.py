@@ -24,8 +24,8 @@ from pydantic import AliasChoices, FailFast, Field, ValidationError
 
 from glbench import __version__
 from glbench.errors import GlbenchError, refuse
-from glbench.evaluation import Result, load_result
-from glbench.evaluation.files import LARGEST_RESULT
+from glbench.evaluation import Result
+from glbench.evaluation.files import LARGEST_RESULT, load_with_bytes
 from glbench.evaluation.records import Digest, Machine, Record, this_machine
 from glbench.fields import Count, Word
 from glbench.resources import is_released, user_data_folder, with_unix_line_ends, write_atomically
@@ -279,8 +279,8 @@ def save_proof(verdict: Verdict) -> Path | None:
             except OSError as error:
                 refuse(f"Cannot remove {path}, which the verdict contradicts: {error.strerror or error}.", GlbenchError, error)
         return None
-    result = load_result(verdict.path)
-    if result.record is None or result_sha256(verdict.path) != verdict.sha256:
+    result, content = load_with_bytes(verdict.path)
+    if result.record is None or sha256_of(verdict.path, content) != verdict.sha256:
         return None
     proof = Proof(
         result=verdict.path.name, result_sha256=verdict.sha256, results_digest=result.results_digest,
@@ -297,7 +297,7 @@ def read_proof(result: Path) -> Proof | None:
     """The note on exactly this result file; ``None`` when there is none, or it is of other content."""
     try:
         proof = Proof.model_validate_json(read_regular(proof_path(result), _LARGEST))
-        return proof if proof.result_sha256 == result_sha256(result) else None
+        return proof if proof.result_sha256 == sha256_of(result, read_regular(result, LARGEST_RESULT)) else None
     except (OSError, ValidationError):
         return None
 
@@ -334,6 +334,6 @@ def _seal(proof: Proof, *, create: bool) -> str | None:
     return hmac.new(key, proof.model_dump_json(exclude={"seal"}).encode(), "sha256").hexdigest()
 
 
-def result_sha256(path: Path) -> str:
-    """SHA-256 of a result file, with the line ends of Unix."""
-    return hashlib.sha256(with_unix_line_ends(path.name, read_regular(path, LARGEST_RESULT))).hexdigest()
+def sha256_of(path: Path, content: bytes) -> str:
+    """SHA-256 of the content of a result file, with the line ends of Unix."""
+    return hashlib.sha256(with_unix_line_ends(path.name, content)).hexdigest()

@@ -49,8 +49,7 @@ def verify(
     """
     path = Path(path)
     try:
-        sha256 = proof.result_sha256(path) if path.is_file() else ""
-        result = documents.read_result(path)
+        result, content = documents.read_result(path)
         folder = (episodes or episodes_folder(path), episodes is not None)
         runs = _reproduced(path, result, task, sealed, folder, workers, progress)
         if result.fresh_draws is not None:
@@ -80,7 +79,7 @@ def verify(
         runs.episodes,
         reproduced,
         claims,
-        sha256,
+        proof.sha256_of(path, content),
     )
 
 

@@ -209,6 +209,8 @@ def test_stamps_that_cannot_be_are_named(stamps: tuple[str, ...], words: str) ->
 def test_days_of_excel_are_recognised_over_midnight_and_counts_are_not() -> None:
     days = [f"{45352 + hour / 24:.10g}" for hour in range(72)]
     assert time_titles(table_of("\n".join(["count;when", *(f"{10000 + i};{day}" for i, day in enumerate(days))]))) == ("when",)
+    days[40] = "soon"
+    assert time_titles(table_of("\n".join(["when;count", *(f"{day};{i}" for i, day in enumerate(days))]))) == ("when",)  # its row is named
     assert time_titles(table_of("\n".join(["count;number", *(f"{10000 + i};{i}" for i in range(72))]))) == ()
 
 

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from glbench.cli.app import app
 from glbench.cli.console import messages, output
 from glbench.evaluation import result_path
+from glbench.evaluation.files import LARGEST_RESULT
 from glbench.leaderboard import collect_results, rank, to_frame, to_markdown
 from glbench.resources import data_folder
 from glbench.verification import proof_path, read_proof, save_proof, verify, was_reproduced
@@ -202,3 +203,21 @@ def test_a_file_that_changes_under_the_verification_gets_no_note(wavy):
     assert verdict.outcome == "reproduced"
     assert save_proof(verdict) is None
     assert not was_reproduced(wavy)
+
+
+def test_who_verifies_a_file_that_changes_is_told(wavy, monkeypatch):
+    def changing(path, **arguments):
+        verdict = verify(path, **arguments)
+        path.write_bytes(path.read_bytes().replace(b'"created"', b'"created" '))
+        return verdict
+
+    monkeypatch.setattr("glbench.verification.verify", changing)
+    answer = run("verify", str(wavy))
+    assert answer.exit_code == 0
+    assert "changed while it was verified, so no note of it was stored" in " ".join(answer.output.split())
+
+
+def test_a_file_that_is_too_large_cannot_be_verified(tmp_path):
+    with (tmp_path / "large.json").open("wb") as file:
+        file.truncate(LARGEST_RESULT + 1)
+    assert verify(tmp_path / "large.json").outcome == "unknown"
