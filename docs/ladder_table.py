@@ -53,8 +53,8 @@ def section(ladder: Ladder) -> str:
     headings, *rows = table_cells(ladder)
     lines = [f"| {' | '.join(cells)} |" for cells in (headings, ["---"] * len(headings), *rows)]
     made = (
-        f"{len(ladder.seeds)} runs of the {ladder.split} split (seeds {ladder.seeds[0]} to {ladder.seeds[-1]}), trainings of "
-        f"{ladder.steps:,} steps, task digest `{ladder.task_digest[:12]}`. {table_notes(ladder)}"
+        f"{len(ladder.seeds)} runs of the {ladder.split} split (seeds {ladder.seeds[0]} to {ladder.seeds[-1]}), "
+        f"{ladder.trained}, task digest `{ladder.task_digest[:12]}`. {table_notes(ladder)}"
     )
     verdicts = [f"- {line}" for line in verdict_lines(ladder)]
     title = ladder.task.rpartition("/")[2] + (": the price of each sensor" if _leaves_out(ladder) else "")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 from rich.progress import MofNCompleteColumn, TaskProgressColumn
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from glbench.evaluation import Result
     from glbench.leaderboard.ladder import Ladder, Rung
     from glbench.tasks import TaskSpec
+    from glbench.training.multi_seed import Training
+    from glbench.training.season_search import SearchSettings
 
 Policies = Mapping[Path, tuple[str, int]]
 """View and seed of each training, by its folder."""
@@ -36,6 +38,10 @@ def ladder(
     trainings: Annotated[int, typer.Option("--trainings", min=1, help="Trainings of each rung, with the seeds 0, 1, ...")] = 5,
     steps: Annotated[int, typer.Option("--steps", min=1, help="Environment steps of each training.")] = 5_000_000,
     config: options.Config = None,
+    search: Annotated[
+        list[Path] | None,
+        typer.Option("--search", help="Settings of a glbench tune policy that follows each training (YAML); repeat it for more."),
+    ] = None,
     split: Annotated[
         str, typer.Option("--split", help="Scenarios to evaluate in: validation, or test, by which nothing may be chosen.")
     ] = "validation",
@@ -82,20 +88,23 @@ def ladder(
     for ref, reason in load_agents([ref for ref in refs if not _is_view_of_mpc(ref)], "auto")[1].items():
         refuse(f"{ref}: {reason}", GlbenchError)
     _check_start(scored, {"--zero": zero, "--rules": rules})
+    searches = _searches(spec, search or [])
     others: dict[str, int] = {}
     for ref in refs:
         others.setdefault(_agent(folder, ref, spec), runs if ref in (zero, rules) else min(agent_runs or runs, runs))
     if split == "test":
         console.print_warning("These are the runs of the test split: choose nothing by them.")
     with console.interruption("Run the same command again to continue: nothing that is finished is repeated."):
-        policies = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
+        places = {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}
+        policies = _train(spec, places, config, searches, steps, trainings, workers)
         results = _evaluate(scored, {**dict.fromkeys(map(str, policies), runs), **others}, folder, workers, printer)
     rungs, metric = _rungs(spec, results, policies), catalogue(spec).metrics[spec.evaluation.metric]
     seeds = max((result.evaluation.seeds for result in results.values()), key=len)
     zero_name, rules_name = (results[ref].agent.name if ref in results else ref for ref in (zero, rules))
     document = Ladder(
         task=spec.id, task_digest=spec.digest, split=split, seeds=seeds, metric=metric.name, unit=metric.unit, digits=min(metric.digits, 2),
-        steps=steps, observed=len(spec.observed()), zero=zero_name, rules=rules_name, rungs=tuple(rungs), rows=rows_of(rungs, zero_name),
+        steps=steps, search_steps=sum(one.steps(spec) for one in searches),
+        observed=len(spec.observed()), zero=zero_name, rules=rules_name, rungs=tuple(rungs), rows=rows_of(rungs, zero_name),
         verdicts=verdicts_of(rungs, rules_name, zero_name), separation=separation_of(rungs, rules_name),
     )  # fmt: skip
     write_atomically(folder / "ladder.json", document.model_dump_json(by_alias=True, indent=1) + "\n")
@@ -111,7 +120,7 @@ def ladder_view(ladder: Ladder, code: int) -> console.View:
         from glbench.leaderboard.ladder import table_cells, table_notes, verdict_lines
 
         (rung, _, _, *numbers), *rows = table_cells(ladder)
-        title = f"{ladder.task.rpartition('/')[2]}, {ladder.split} split, {len(ladder.seeds)} runs; trainings of {ladder.steps:,} steps"
+        title = f"{ladder.task.rpartition('/')[2]}, {ladder.split} split, {len(ladder.seeds)} runs; {ladder.trained}"
         table = console.table(title, rung, *numbers, fold=numbers, padding=(0, 1, 0, 0))
         for name, _, trainings, *cells in rows:
             trained = "" if trainings == "–" else "\n" + console.count(int(trainings), "training")
@@ -166,8 +175,23 @@ def _agent(folder: Path, name: str, task: TaskSpec) -> str:
     return str(folder / name)
 
 
+def _searches(task: TaskSpec, files: Sequence[Path]) -> list[SearchSettings]:
+    """The searches that follow each training. Raises ``TrainingError`` when a file cannot be read, or a value is impossible."""
+    if not files:
+        return []
+    with options.needs_the_extra("train"):
+        from glbench.training.season_search import read_season_search
+    return [read_season_search(file, task.id, file) for file in files]  # their start is the training, which is still to come
+
+
 def _train(
-    task: TaskSpec, places: Mapping[str, Path], config: Path | None, steps: int, trainings: int, workers: int | None
+    task: TaskSpec,
+    places: Mapping[str, Path],
+    config: Path | None,
+    searches: Sequence[SearchSettings],
+    steps: int,
+    trainings: int,
+    workers: int | None,
 ) -> dict[Path, tuple[str, int]]:
     """Train what is missing; the trainings that succeeded. One that fails is reported and stops no other."""
     with options.needs_the_extra("jax"):
@@ -180,20 +204,28 @@ def _train(
         """Moves the bar for one training."""
 
         def __init__(self, key: tuple[str, int]) -> None:
-            self._key = key
+            self._key, self._before, self._steps = key, 0, 0
 
         def on_progress(self, progress: Any) -> None:
-            shares[self._key] = progress.steps / progress.total_steps
+            if progress.steps < self._steps:  # the next stage
+                self._before += self._steps
+            self._steps = progress.steps
+            shares[self._key] = min(1.0, (self._before + self._steps) / whole)
             move(completed=sum(shares.values()))
 
     settings = {name: read_compiled_settings(config, task, steps, [name]) for name in places}
+    training, extras, whole = cast("Training", train_compiled), dict[str, Any](), steps + sum(one.steps(task) for one in searches)
+    if searches:
+        from glbench.training.season_search import train_then_search
+
+        training, extras = train_then_search, {"train": train_compiled, "searches": searches}
     shares, policies = dict[tuple[str, int], float](), dict[Path, tuple[str, int]]()
     total, where = len(places) * trainings, Where(on_ray=False, address=None, workers=workers)
     with status_bar("training", total, TaskProgressColumn(), MofNCompleteColumn()) as move, executor_of(where, task) as executor:
         for name, place in places.items():
             folders = {seed: place.with_name(f"{place.name}-seed{seed}") for seed in range(trainings)}
             listeners = {seed: [Moving((name, seed))] for seed in folders}
-            for seed, trained in train_seeds(executor, train_compiled, task, settings[name], folders, listeners=listeners.__getitem__):
+            for seed, trained in train_seeds(executor, training, task, settings[name], folders, listeners=listeners.__getitem__, **extras):
                 shares[name, seed] = 1.0
                 if isinstance(trained, GlbenchError):
                     console.print_warning(f"{name}, seed {seed}: {trained}")

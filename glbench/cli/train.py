@@ -266,7 +266,7 @@ def tune_policy(
     runs = settings.population * settings.seasons
     words = f"{settings.generations} generations of {runs} runs, seed {seed}, in {plain(folder)}"
     console.tell(Markup(f"Tuning {styled(policy, 'bold')} on {styled(spec.id, 'bold')}: {words}"))
-    bar = TrainingBar(settings.generations * runs * spec.steps, spec, settings.evaluation)
+    bar = TrainingBar(settings.steps(spec), spec, settings.evaluation)
     with console.interruption("The same command with --resume continues from the last evaluation."), bar:
         outcome = search(spec, settings, folder, seed=seed, resume=resume, listeners=[bar])
     if outcome.already_done:

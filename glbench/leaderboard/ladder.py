@@ -114,6 +114,7 @@ class Ladder(FrozenModel):
     unit: str
     digits: int = Field(description="decimals of the metric in tables")
     steps: int = Field(description="environment steps of each training")
+    search_steps: int = Field(default=0, exclude_if=lambda steps: steps == 0, description="of the searches after each training")
     observed: int = Field(description="columns that the task shows")
     zero: str = Field(description="the agent over which leads are counted")
     rules: str = Field(description="the rules that blind agents are compared with")
@@ -121,6 +122,11 @@ class Ladder(FrozenModel):
     rows: tuple[Row, ...]
     verdicts: tuple[Verdict, ...]
     separation: Separation | None = Field(description="null: fewer than two of rules, PPO and predictive control are there")
+
+    @property
+    def trained(self) -> str:
+        """How long its policies were trained, such as ``trainings of 5,000,000 steps``."""
+        return f"trainings of {self.steps:,} steps" + (f" and searches of {self.search_steps:,}" if self.search_steps else "")
 
 
 def rows_of(rungs: Sequence[Rung], zero: str) -> tuple[Row, ...]:

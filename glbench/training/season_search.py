@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -96,6 +96,10 @@ class SearchSettings(FrozenSettings):
     def of(cls, policy: Path) -> SearchSettings:
         """The usual settings for a policy file. Raises ``TrainingError`` when there is none."""
         return validated(cls, {"start_from": policy}, "the settings", policy, TrainingError)
+
+    def steps(self, task: TaskSpec) -> int:
+        """Environment steps of the search on a task."""
+        return self.generations * self.population * self.seasons * task.steps
 
     @property
     def digest(self) -> str:
@@ -234,8 +238,31 @@ def search(
     task.check_training()
     under_way = _SeasonSearch([task], settings, settings.digest, seed, folder)
     policy, target = settings.start_from, {"generations": settings.generations}
-    total = settings.generations * under_way.steps_a_generation
-    return under_way.carry_out(target, total, listeners, resume=resume, policy=policy, start=start_of(policy))
+    return under_way.carry_out(target, settings.steps(task), listeners, resume=resume, policy=policy, start=start_of(policy))
+
+
+def train_then_search(
+    task: TaskSpec,
+    settings: object,
+    folder: Path,
+    *,
+    train: Callable[..., Trained],
+    searches: Sequence[SearchSettings],
+    seed: int = 0,
+    resume: bool = False,
+    listeners: Sequence[Listener] = (),
+) -> Trained:
+    """Train a policy with ``train``, such as ``train_compiled``, and adapt it with each of ``searches``, the last of them in ``folder``.
+
+    Earlier stages are beside it, in ``FOLDER-stage1``, ``FOLDER-stage2``, ...; each search starts from the stage before, whatever its
+    ``start_from``. Raises what ``train`` and ``search`` raise.
+    """
+    first, *others = [*(folder.with_name(f"{folder.name}-stage{number}") for number in range(1, len(searches) + 1)), folder]
+    trained = train(task, settings, first, seed=seed, resume=resume, listeners=listeners)
+    for one, place in zip(searches, others, strict=True):
+        started = one.model_copy(update={"start_from": trained.folder / POLICY})
+        trained = search(task, started, place, seed=seed, resume=resume, listeners=listeners)
+    return trained
 
 
 def _begun_anew(settings: SearchSettings, task: TaskSpec) -> Actor:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Iterator
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -31,6 +33,13 @@ default:
   places: 4
   evaluation: {every: 100, runs: 1, first_seed: 20_000_000_000}
 """
+SEARCH = """
+default:
+  directions: 2
+  population: 4
+  generations: 2
+  evaluation: {every: 100, runs: 1, first_seed: 20_000_000_000}
+"""
 OF_DAY = ("day.toml", "--config", "tiny.yml", "--steps", "200", "--split", "test", "--runs", "3", "--out", "lad", "--workers", "1")
 
 
@@ -49,6 +58,8 @@ def day(here: Path) -> Path:
         (("--agents", "my_agent"), "my_agent: 'my_agent' is neither a file or folder here nor a baseline"),
         (("--rules", "runs/tuned"), "runs/tuned: "),
         (("--rules", "grower"), "--rules grower: The grower works at a process computer"),
+        (("--search", "tiny.yml"), "tiny.yml"),
+        (("--search", "other.yml"), "other.yml"),
         (("--zero", "grower"), "has the actuation 'rate'. Name others: --zero rule_based_fair, or --zero grower where"),
     ],
 )
@@ -164,3 +175,33 @@ def test_it_continues_what_was_interrupted_and_repeats_nothing(day: Path, glbenc
     other = glbench(*arguments, "--views", "outdoor", "--steps", "400")
     assert other.code == 1, "another number of steps is another training"
     assert "holds another training" in other.err
+
+
+@pytest.mark.slow
+@pytest.mark.train
+@pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
+def test_searches_follow_each_training_and_the_last_one_is_the_agent(day: Path, glbench: Command) -> None:
+    pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
+    pytest.importorskip("cmaes", reason="cmaes is not installed (extra 'train')")
+    (day / "first.yml").write_text(SEARCH, encoding="utf-8")
+    (day / "second.yml").write_text(SEARCH.replace("population: 4", "population: 6"), encoding="utf-8")
+    arguments = ("ladder", *OF_DAY, "--trainings", "1", "--agents", "", "--rules", "rule_based_fair", "--views", "outdoor")
+    line = (*arguments, "--search", "first.yml", "--search", "second.yml")
+    whole = glbench(*line, "--json")
+    assert whole.code == 0, whole.err
+    ladder = Ladder.model_validate_json(whole.out)
+    assert ladder.search_steps == 2 * (4 + 6) * get_task(str(day / "day.toml")).steps
+    assert f"trainings of 200 steps and searches of {ladder.search_steps}" == ladder.trained
+    agent = day / "lad" / "ppo-Day-v1-outdoor-seed0"
+    places = [agent.with_name(f"{agent.name}-stage1"), agent.with_name(f"{agent.name}-stage2"), agent]
+    policies = [(place / "policy.npz").read_bytes() for place in places]
+    cards = [tomllib.loads((place / "card.toml").read_text(encoding="utf-8")) for place in places]
+    assert [card["start"]["digest"] for card in cards[1:]] == [sha256(policy).hexdigest() for policy in policies[:2]]
+    assert ["adapted" in card["title"] for card in cards] == [False, True, True]
+    (result,) = (day / "lad" / "results" / "Day-v1").glob("ppo-*.json")
+    assert list(ladder.rungs[0].values[0]) == [run["metrics"]["reward"] for run in json.loads(result.read_text(encoding="utf-8"))["runs"]]
+
+    times = [(place / "policy.npz").stat().st_mtime_ns for place in places]
+    again = glbench(*line, "--json")
+    assert (again.code, again.out) == (0, whole.out)
+    assert [(place / "policy.npz").stat().st_mtime_ns for place in places] == times
