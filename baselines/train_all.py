@@ -29,7 +29,7 @@ from glbench.training.compiled import train_compiled
 from glbench.training.compiled_settings import read_compiled_settings
 from glbench.training.periodic_evaluation import CURVE
 from glbench.training.run import export_best
-from glbench.training.season_search import SearchSettings, read_season_search, search
+from glbench.training.season_search import SearchSettings, read_season_search, search, train_then_search
 
 HERE = Path(__file__).resolve().parent
 LEVELS = ("00", "10", "30", "05", "15", "20", "25")
@@ -46,9 +46,12 @@ SETTINGS = {
     "ppo_greenhouse": "ppo/fast.yml",
     "ppo_memory_greenhouse": "ppo/memory.yml",
     "ppo_energy": "ppo/memory.yml",
+    "ppo_harvest": "ppo_harvest/climate.yml",
 }
 """Settings of each recipe, in this folder."""
-VIEWS = {"outdoor": ("blind",), "ppo_greenhouse": ("sensors",), "ppo_memory_greenhouse": ("memory",)}
+SEARCHES = {"ppo_harvest": ("ppo_harvest/day.yml", "ppo_harvest/all.yml")}
+"""Searches over whole seasons that follow the trainings of a recipe."""
+VIEWS = {"outdoor": ("blind",), "ppo_greenhouse": ("sensors",), "ppo_memory_greenhouse": ("memory",), "ppo_harvest": ("memory",)}
 """What the agents of a recipe look at (docs/ladder.md), where it is not all that a task shows."""
 COMPILED = ("ppo_fast", "ppo_memory", "ppo_long", "ppo_energy", *VIEWS)
 ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac"}
@@ -97,6 +100,11 @@ class Job:
         """The recipe's settings."""
         return HERE / SETTINGS[self.recipe]
 
+    @property
+    def searches(self) -> tuple[Path, ...]:
+        """Settings of the searches that follow, the last of which makes the policy."""
+        return tuple(HERE / file for file in SEARCHES.get(self.recipe, ()))
+
 
 def plan() -> list[Job]:
     """Every training, in order."""
@@ -110,7 +118,8 @@ def plan() -> list[Job]:
         Job(recipe, task, seed) for task in GREENHOUSE_TASKS for recipe, trainings in OF_GREENHOUSE.items() for seed in range(trainings)
     ]
     energy = [Job("ppo_energy", task, seed) for task in OF_ENERGY for seed in range(3)]
-    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *off_policy, *greenhouse, *energy]
+    harvest = [Job("ppo_harvest", "LettuceHarvest-v1", seed) for seed in range(3)]
+    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *off_policy, *greenhouse, *energy, *harvest]
 
 
 def _paper(level: str) -> str:
@@ -178,7 +187,10 @@ def _train(job: Job, folder: Path) -> None:
     listeners = [LogLines(job.name)]
     if job.recipe in COMPILED:
         compiled = read_compiled_settings(job.settings, task, view=VIEWS.get(job.recipe))
-        trained = train_compiled(task, compiled, folder, seed=job.seed, resume=True, listeners=listeners)
+        searches = [read_season_search(file, task.id, file) for file in job.searches]  # their start is the stage before
+        trained = train_then_search(
+            task, compiled, folder, train=train_compiled, searches=searches, seed=job.seed, resume=True, listeners=listeners
+        )
     elif job.recipe in ALGORITHMS:
         settings = read_settings(job.settings, ALGORITHMS[job.recipe], task.id)
         trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=listeners)
@@ -213,7 +225,7 @@ def _ship(job: Job, folder: Path) -> None:
     if "settings" in making:  # the policy's place
         making["settings"] = f"../weights/{name}.npz"
     making["training"]["learning_curve"] = f"{name}.csv"
-    making["training"]["settings"] = os.path.relpath(job.settings, home / "training")
+    making["training"]["settings"] = os.path.relpath((job.settings, *job.searches)[-1], home / "training")
     if "made" in making:
         making["made"] = making["made"].replace("settings.yml", making["training"]["settings"])
     write_atomically(home / f"training/{name}.toml", to_toml(making))
@@ -234,7 +246,11 @@ def _state(job: Job, folder: Path) -> str:
     if card is None:
         return "begun" if folder.exists() else "-"
     task = get_task(job.task)
-    if job.recipe in COMPILED:
+    if job.searches:
+        before = folder.with_name(f"{folder.name}-stage{len(job.searches)}") / POLICY
+        sought = read_season_search(job.searches[-1], task.id, before)
+        digest, goal, reached = sought.digest, sought.generations, card["training"]["generations"]
+    elif job.recipe in COMPILED:
         compiled = read_compiled_settings(job.settings, task, view=VIEWS.get(job.recipe))
         digest, goal, reached = compiled.digest, compiled.updates * compiled.rollout, card["training"]["steps"]
     elif job.recipe in ALGORITHMS:
