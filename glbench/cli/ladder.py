@@ -73,7 +73,7 @@ def ladder(
     """Train agents of one recipe that see more and more of a task, and print what each rung of this ladder earns.
 
     The same command continues what was interrupted: finished trainings and evaluations are not repeated. Views, trainings and agents may
-    be added later. Exits with 1 when a training failed, or an agent could not be evaluated.
+    be added later, searches may not. Exits with 1 when a training failed, or an agent could not be evaluated.
     """
     from glbench.agents.predictive import can_be_planned
     from glbench.leaderboard.catalogue import catalogue
@@ -181,7 +181,10 @@ def _searches(task: TaskSpec, files: Sequence[Path]) -> list[SearchSettings]:
         return []
     with options.needs_the_extra("train"):
         from glbench.training.season_search import read_season_search
-    return [read_season_search(file, task.id, file) for file in files]  # their start is the training, which is still to come
+    searches = [read_season_search(file, task.id, file) for file in files]  # their start is the training, which is still to come
+    for one in searches:
+        one.check_actions([action.name for action in task.actions])
+    return searches
 
 
 def _train(
@@ -204,17 +207,14 @@ def _train(
         """Moves the bar for one training."""
 
         def __init__(self, key: tuple[str, int]) -> None:
-            self._key, self._before, self._steps = key, 0, 0
+            self._key = key
 
         def on_progress(self, progress: Any) -> None:
-            if progress.steps < self._steps:  # the next stage
-                self._before += self._steps
-            self._steps = progress.steps
-            shares[self._key] = min(1.0, (self._before + self._steps) / whole)
+            shares[self._key] = progress.steps / progress.total_steps
             move(completed=sum(shares.values()))
 
     settings = {name: read_compiled_settings(config, task, steps, [name]) for name in places}
-    training, extras, whole = cast("Training", train_compiled), dict[str, Any](), steps + sum(one.steps(task) for one in searches)
+    training, extras = cast("Training", train_compiled), dict[str, Any]()
     if searches:
         from glbench.training.season_search import train_then_search
 

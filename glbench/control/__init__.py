@@ -9,10 +9,11 @@ from glbench.control.climatology import Climatology
 from glbench.control.disturbance_forecast import Ahead, Outlook
 from glbench.control.estimator import StateEstimator
 from glbench.control.mpc import PredictiveController
-from glbench.control.scenario import Scenario, actions_of, with_schedule
+from glbench.control.scenario import Scenario, with_schedule
 from glbench.control.season import EndValue, Iteration, SeasonPlan, plan_season
 from glbench.control.stage import AirAlong, StageGradient, StageReward, StageValues, air_of
 from glbench.control.trust_region import feasible
+from glbench.env.actuation import actions_of
 
 __all__ = [
     "Ahead",

@@ -9,12 +9,12 @@ import numpy as np
 from glbench.arrays import Floats
 from glbench.control.delivery import Delivery
 from glbench.env import run_weather
-from glbench.env.actuation import off_position, run_calendar
+from glbench.env.actuation import run_calendar
 from glbench.env.program import calendar_columns
 from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import read_only, run_parameters
 from glbench.env.spaces import checked_seed, the_task
-from glbench.errors import ShapeError, TaskError, refuse
+from glbench.errors import ShapeError
 from glbench.tasks import TaskSpec
 
 
@@ -91,29 +91,3 @@ def with_schedule(task: TaskSpec, controls: Floats, calendar: Floats) -> Floats:
     controls = controls.copy()
     controls[..., [*task.scheduled_places.values()]] = calendar[..., :-1, -len(task.scheduled_places) :]
     return controls
-
-
-def actions_of(task: TaskSpec, before: Floats, controls: Floats) -> Floats:
-    """What an agent has to do to get from the controls in force ``(..., c)`` to ``controls`` ``(..., c)``; ``(..., actions)``.
-
-    A control that is off or on is asked for the nearest that it can do; whether it may be switched is not looked at.
-
-    Raises ``TaskError`` when the task's actions are not about single controls: set points of a process computer.
-    """
-    names = task.model_value.control_names
-    columns = [names.index(name) for name in task.actuation.controls]
-    if task.actuation.kind == "set_point":
-        return controls[..., columns]
-    if task.actuation.kind != "rate":
-        refuse(f"A plan gives controls, and the actions of {task.id} are of the kind '{task.actuation.kind}'.", TaskError)
-    change = controls[..., columns] - before[..., columns]
-    for place, name in enumerate(task.actuation.controls):
-        if name in task.on_off:
-            machine, column = task.on_off[name], names.index(name)
-            off = off_position(task, machine)
-            there, here = (
-                np.where(u >= 0.5 * machine.lowest, np.maximum(u, machine.lowest), off)
-                for u in (controls[..., column], before[..., column])
-            )
-            change[..., place] = there - here if machine.due is None else np.where(there > off, 1.0, -1.0)
-    return np.clip(change / task.actuation.max_change, -1.0, 1.0)

@@ -21,9 +21,10 @@ from numpy.typing import ArrayLike
 
 from glbench.arrays import Floats
 from glbench.control.machines import Machines, Schedule
-from glbench.control.scenario import Scenario, actions_of, with_schedule
+from glbench.control.scenario import Scenario, with_schedule
 from glbench.control.stage import StageReward, StageValues, judged_at_the_end
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
+from glbench.env.actuation import actions_of
 from glbench.env.program import calendar_columns
 from glbench.env.spaces import the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError, refuse, whole_number

@@ -162,6 +162,32 @@ def off_position(task: TaskSpec, machine: OnOffTable) -> float:
     return max(machine.lowest - task.actuation.max_change, 0.0)
 
 
+def actions_of(task: TaskSpec, before: Floats, controls: Floats) -> Floats:
+    """What an agent has to do to get from the controls in force ``(..., c)`` to ``controls`` ``(..., c)``; ``(..., actions)``.
+
+    A control that is off or on is asked for the nearest that it can do; whether it may be switched is not looked at.
+
+    Raises ``TaskError`` when the task's actions are not about single controls: set points of a process computer.
+    """
+    names = task.model_value.control_names
+    columns = [names.index(name) for name in task.actuation.controls]
+    if task.actuation.kind == "set_point":
+        return controls[..., columns]
+    if task.actuation.kind != "rate":
+        refuse(f"A plan gives controls, and the actions of {task.id} are of the kind '{task.actuation.kind}'.", TaskError)
+    change = controls[..., columns] - before[..., columns]
+    for place, name in enumerate(task.actuation.controls):
+        if name in task.on_off:
+            machine, column = task.on_off[name], names.index(name)
+            off = off_position(task, machine)
+            there, here = (
+                np.where(u >= 0.5 * machine.lowest, np.maximum(u, machine.lowest), off)
+                for u in (controls[..., column], before[..., column])
+            )
+            change[..., place] = there - here if machine.due is None else np.where(there > off, 1.0, -1.0)
+    return np.clip(change / task.actuation.max_change, -1.0, 1.0)
+
+
 def hold_steps(task: TaskSpec, machine: OnOffTable) -> float:
     """Steps for which the machine stays on or off; no whole number where the time is none of steps."""
     return machine.hold_minutes * 60.0 / task.step_seconds
@@ -196,7 +222,7 @@ def _provide(name: str, position: _Position) -> None:
             target = position(task, select(running, control, off), action, column, machine)
             runs = at_least(target, 0.5 * (off + lowest) - _TIE)
             if machine.due is not None:
-                runs, target = at_least(inputs.due[name], _due_from(task, machine.due, action, column)), lowest
+                runs, target = at_least(inputs.due[name], _due_from(task, machine.due, action, column) - _TIE), lowest
             runs, memory[clock] = held_switch(running, inputs.memory[clock], runs, hold_steps(task, machine) - _TIE)
             controls[name] = runs * within(target, lowest, 1.0)
         return controls, memory

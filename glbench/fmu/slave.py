@@ -21,6 +21,7 @@ from pythonfmu.enums import Fmi2Status
 
 from glbench import __version__
 from glbench.env import Simulation, Snapshot, info_quantities
+from glbench.env.actuation import actions_of
 from glbench.errors import ActionError, GlbenchError, ShapeError
 from glbench.fmu.scenario import LARGEST_SEED, FmuSetup, task_in_season
 from glbench.fmu.units import base_unit, fmi_unit
@@ -47,8 +48,11 @@ def fmu_inputs(task: TaskSpec) -> tuple[Action, ...]:
     inputs = []
     for name in task.actuation.controls:
         one = capacities[name]
-        most = _amount(one.at_one * task.actuation.max_change, one.unit)
+        machine, most = task.on_off.get(name), _amount(one.at_one * task.actuation.max_change, one.unit)
         meaning = f"{one.meaning}, as asked for; it changes by at most {most} in a control step"
+        if machine is not None:
+            half, full = (_amount(one.at_one * share, one.unit) for share in (0.5 * machine.lowest, machine.lowest))
+            meaning = f"{one.meaning}, as asked for: off below {half}, else {full} or more"
         installed = one.at_one > 0.0
         stands_for = (0.0, one.at_one) if installed else None
         inputs.append(Action(one.quantity, 0.0, float(installed), one.unit, meaning, 0.0, stands_for))
@@ -239,7 +243,9 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         for _ in range(steps):
             change = shares
             if task.actuation.kind == "rate":
-                change = np.clip((shares - simulation.commands[0, moved]) / task.actuation.max_change, -1.0, 1.0)
+                wanted = simulation.commands[0].copy()
+                wanted[moved] = shares
+                change = actions_of(task, simulation.commands[0], wanted)
             _, numbers, ended = simulation.step_single(change)
             rows.append(numbers[first:])
             if not simulation.over:

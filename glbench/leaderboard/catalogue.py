@@ -323,7 +323,8 @@ def charts_of(task: TaskSpec | None) -> Charts:
     task = task or published_task(PAPER_TASK)
     layout, ledger = _layout(), task.ledger
     moved = task.actuation.controls  # what stands still or follows a calendar says nothing of an agent
-    labels = {one.name: one.label or one.name for one in task.model_value.capacities(task.parameters_by_name()) if one.name in moved}
+    capacities = task.model_value.capacities(task.parameters_by_name())
+    labels = {one.name: one.label or one.quantity.replace("_", " ").capitalize() for one in capacities if one.name in moved}
     controls = tuple(dict.fromkeys((*(name for name in layout["order"]["controls"] if name in labels), *labels)))
     share = {"unit": "%", "factor": 100, "decimals": 0, "range": [0, 102]}
     series = {name: _in_words(words, task) for name, words in quantities.charts().items()}

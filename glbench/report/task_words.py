@@ -166,7 +166,12 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         return f"{capacity.at_one * fraction:.3g} {pretty_unit(capacity.unit)}{dose}"
 
     actions = [
-        (series.get(one.name, {}).get("label", capacity.meaning), capacity.meaning, full(capacity, 1.0), full(capacity, card.max_change))
+        (
+            series.get(one.name, {}).get("label", capacity.meaning),
+            capacity.meaning,
+            full(capacity, 1.0),
+            "switched" if one.name in task.on_off else full(capacity, card.max_change),
+        )
         if (capacity := by_name.get(one.name)) is not None
         else (one.meaning, "set point", f"{one.lowest:g} to {one.highest:g} {one.unit}", "")
         for one in card.actions
@@ -517,7 +522,7 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
     rows = []
     for i, action in enumerate(card.actions):
         one = by_name[action.name]
-        at_one, most = _delivers(one, 1.0), _delivers(one, card.max_change)
+        at_one, most = _delivers(one, 1.0), "switched" if one.name in task.on_off else _delivers(one, card.max_change)
         rows.append((str(i), one.name, one.meaning, f"{action.low:g} to {action.high:g}", at_one, most))
     others = by_name.keys() - {action.name for action in card.actions}
     idle = dict.fromkeys(others, "stays at 0") | dict.fromkeys(task.scheduled_places, "scheduled")
@@ -538,8 +543,9 @@ def _due_words(task: tasks.TaskSpec, machine: OnOffTable) -> str:
     if machine.due is None:
         return ""
     due, meaning = machine.due, {state.name: state.meaning for state in task.model_value.states}[machine.due.state]
-    spans = f"{due.first:g} {due.unit} at the highest action, {due.last:g} {due.unit} at the lowest"
-    return f" It is on when the {meaning} is at least {spans}."
+    unit = "days" if due.unit == "day" else due.unit
+    spans = f"{due.first:g} {unit} at the highest action, {due.last:g} {unit} at the lowest"
+    return f" Its action says when: it is on when the {meaning} is at least {spans}."
 
 
 def _delivers(capacity: tasks.Capacity, fraction: float) -> str:

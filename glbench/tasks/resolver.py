@@ -12,7 +12,7 @@ from __future__ import annotations
 import datetime as dt
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -299,7 +299,17 @@ class ResolvedTask(TaskRecord):
     def actions(self) -> tuple[Action, ...]:
         """The entries of an action, with units and bounds. Raises ``TaskError`` for an unknown actuation, or a control that it lacks."""
         with self.errors_in("actuation"):
-            return ACTUATION_KINDS[self.actuation.kind].actions(self.actuation.controls)
+            actions = ACTUATION_KINDS[self.actuation.kind].actions(self.actuation.controls)
+        return tuple(self._due(action) for action in actions)
+
+    def _due(self, action: Action) -> Action:
+        """The entry of a machine that is due by a state with its meaning; to ask for nothing is to ask for the latest."""
+        machine = self.on_off.get(action.name)
+        if machine is None or machine.due is None:
+            return action
+        due, (meaning,) = machine.due, [control.meaning for control in self.model_value.controls if control.name == action.name]
+        when = f"from {due.state} = {due.first:g} {due.unit} on at {action.high:g}, {due.last:g} {due.unit} at {action.low:g}"
+        return replace(action, idle=action.low, meaning=f"{meaning}; {when}")
 
     def observed(self) -> tuple[Quantity, ...]:
         """Columns of the observation, with units and finite bounds. Raises ``TaskError`` for an unknown module or the same name twice."""

@@ -33,9 +33,10 @@ from glbench.settings import validated
 from glbench.tasks import TaskSpec, task_card
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.card import POLICY, TrainingFacts, policy_in, start_of
+from glbench.training.compiled_settings import CompiledSettings
 from glbench.training.constant_columns import varies, without_constant_columns
 from glbench.training.folder import Trained
-from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult, season_sums
+from glbench.training.periodic_evaluation import CurvePoint, Listener, Probe, ProbeResult, Progress, season_sums
 from glbench.training.settings import EvaluationPlan, FrozenSettings, PolicyFile, TrainingSeed, section
 from glbench.training.strategy import HANSEN, Search
 
@@ -100,6 +101,13 @@ class SearchSettings(FrozenSettings):
     def steps(self, task: TaskSpec) -> int:
         """Environment steps of the search on a task."""
         return self.generations * self.population * self.seasons * task.steps
+
+    def check_actions(self, names: Sequence[str]) -> None:
+        """Raises ``TrainingError`` when it names an action that is not one of ``names``."""
+        for setting, own in {"actions": self.actions, "begin_anew": self.begin_anew}.items():
+            for name in own:
+                if name not in names:
+                    refuse(f"'{setting}' names '{name}', which is not an action of the task.{did_you_mean(name, names)}", TrainingError)
 
     @property
     def digest(self) -> str:
@@ -241,9 +249,28 @@ def search(
     return under_way.carry_out(target, settings.steps(task), listeners, resume=resume, policy=policy, start=start_of(policy))
 
 
+class _Part(Listener):
+    """Passes on the news of a stage; its progress is that of all stages."""
+
+    def __init__(self, listeners: Sequence[Listener], before: int, total: int) -> None:
+        self._listeners, self._before, self._total = listeners, before, total
+
+    def on_progress(self, progress: Progress) -> None:
+        for listener in self._listeners:
+            listener.on_progress(replace(progress, steps=self._before + progress.steps, total_steps=self._total))
+
+    def on_evaluation(self, point: CurvePoint) -> None:
+        for listener in self._listeners:
+            listener.on_evaluation(point)
+
+    def on_saved(self, steps: int) -> None:
+        for listener in self._listeners:
+            listener.on_saved(steps)
+
+
 def train_then_search(
     task: TaskSpec,
-    settings: object,
+    settings: CompiledSettings,
     folder: Path,
     *,
     train: Callable[..., Trained],
@@ -255,25 +282,39 @@ def train_then_search(
     """Train a policy with ``train``, such as ``train_compiled``, and adapt it with each of ``searches``, the last of them in ``folder``.
 
     Earlier stages are beside it, in ``FOLDER-stage1``, ``FOLDER-stage2``, ...; each search starts from the stage before, whatever its
-    ``start_from``. Raises what ``train`` and ``search`` raise.
+    ``start_from``. ``listeners`` receive the progress of all stages together. Raises what ``train`` and ``search`` raise, and
+    ``TrainingError`` before any of them works when a search does not fit the task, or ``folder`` holds something else.
     """
+    for one in searches:
+        one.check_actions([action.name for action in task.actions])
+    if searches:
+        _claim_stages(folder, [settings, *searches])
     first, *others = [*(folder.with_name(f"{folder.name}-stage{number}") for number in range(1, len(searches) + 1)), folder]
-    trained = train(task, settings, first, seed=seed, resume=resume, listeners=listeners)
-    for one, place in zip(searches, others, strict=True):
+    steps = [settings.updates * settings.rollout, *(one.steps(task) for one in searches)]
+    parts = [[_Part(listeners, sum(steps[:number]), sum(steps))] for number in range(len(steps))]
+    trained = train(task, settings, first, seed=seed, resume=resume, listeners=parts[0])
+    for one, place, part in zip(searches, others, parts[1:], strict=True):
         started = one.model_copy(update={"start_from": trained.folder / POLICY})
-        trained = search(task, started, place, seed=seed, resume=resume, listeners=listeners)
+        trained = search(task, started, place, seed=seed, resume=resume, listeners=part)
     return trained
+
+
+def _claim_stages(folder: Path, stages: Sequence[FrozenSettings]) -> None:
+    """Write the settings of all stages beside ``folder``. Raises ``TrainingError`` when it was begun with others: none is continued."""
+    file = folder.with_name(f"{folder.name}-stages.json")
+    settings = json.dumps([stage.model_dump(mode="json", exclude={"start_from"}) for stage in stages], indent=1)
+    if not file.is_file() and folder.is_dir() and any(folder.iterdir()):
+        refuse(f"{folder} holds a training without these searches. Choose another folder, or leave the searches out.", TrainingError)
+    if file.is_file() and file.read_text(encoding="utf-8") != settings:
+        refuse(f"{folder} was begun with other settings, those in {file}. Choose another folder, or those settings.", TrainingError)
+    write_atomically(file, settings)
 
 
 def _begun_anew(settings: SearchSettings, task: TaskSpec) -> Actor:
     actor = policy_in(settings.start_from, task)
     policy = actor.network
     weights, biases = policy.weights[-1].copy(), policy.biases[-1].copy()
-    for setting, names in {"actions": settings.actions, "begin_anew": settings.begin_anew}.items():
-        for name in names:
-            if name not in policy.action_names:
-                msg = f"'{setting}' names '{name}', which is not an action of {task.id}.{did_you_mean(name, policy.action_names)}"
-                raise TrainingError(msg)
+    settings.check_actions(policy.action_names)
     for name, value in settings.begin_anew.items():
         column = policy.action_names.index(name)
         if policy.output == "tanh" and not -1.0 < value < 1.0:

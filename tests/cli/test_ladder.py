@@ -46,6 +46,7 @@ OF_DAY = ("day.toml", "--config", "tiny.yml", "--steps", "200", "--split", "test
 @pytest.fixture
 def day(here: Path) -> Path:
     (here / "tiny.yml").write_text(TINY, encoding="utf-8")
+    (here / "wrong.yml").write_text(f"{SEARCH}  actions: [uCO2]\n", encoding="utf-8")
     return here
 
 
@@ -60,6 +61,7 @@ def day(here: Path) -> Path:
         (("--rules", "grower"), "--rules grower: The grower works at a process computer"),
         (("--search", "tiny.yml"), "tiny.yml"),
         (("--search", "other.yml"), "other.yml"),
+        (("--search", "wrong.yml"), "'actions' names 'uCO2', which is not an action of the task. Did you mean 'uCo2'?"),
         (("--zero", "grower"), "has the actuation 'rate'. Name others: --zero rule_based_fair, or --zero grower where"),
     ],
 )
@@ -205,3 +207,12 @@ def test_searches_follow_each_training_and_the_last_one_is_the_agent(day: Path, 
     again = glbench(*line, "--json")
     assert (again.code, again.out) == (0, whole.out)
     assert [(place / "policy.npz").stat().st_mtime_ns for place in places] == times
+
+    (day / "longer.yml").write_text(SEARCH.replace("generations: 2", "generations: 3"), encoding="utf-8")
+    changed = glbench(*arguments, "--search", "longer.yml", "--search", "second.yml")
+    assert changed.code == 1
+    assert "begun with other settings" in changed.err
+    assert [(place / "policy.npz").stat().st_mtime_ns for place in places] == times, "what was trained stays usable"
+    assert glbench(*line, "--json").out == whole.out
+    (day / "lad" / f"{agent.name}-stages.json").unlink()
+    assert "holds a training without these searches" in glbench(*line).err

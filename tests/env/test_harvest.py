@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glbench.control.scenario import Scenario, actions_of
+from glbench.control.scenario import Scenario
 from glbench.control.stage import StageReward
 from glbench.env import GreenhouseVectorEnv, Simulation
+from glbench.env.actuation import actions_of
 from glbench.errors import TaskError
 from glbench.kernel import available
 from glbench.model import HARVESTED_BUTTERHEAD
@@ -122,16 +123,23 @@ def test_a_crew_that_was_called_works_for_a_day_and_then_plants_grow(early: Task
 @pytest.mark.parametrize(("action", "day"), [(1.0, 1.0), (0.0, 2.0), (-0.5, 2.5), (-1.0, 3.0)])
 def test_the_action_says_from_which_age_on_the_crew_cuts(tmp_path: Path, action: float, day: float) -> None:
     task = written(tmp_path, ("first = 20.0, last = 65.0", "first = 1.0, last = 3.0"))
-    simulation, place = Simulation(task, 1, "fast"), MODEL.control_names.index("uHarvest")
-    simulation.reset([1])
-    actions = np.zeros((1, len(task.actions)), dtype=np.float32)
-    actions[0, CREW] = action
+    simulation, place = Simulation(task, 40, "fast"), MODEL.control_names.index("uHarvest")
+    simulation.reset(range(40))
+    actions = np.zeros((40, len(task.actions)), dtype=np.float32)
+    actions[:, CREW] = action
     crew = []
     for _ in range(4 * DAY):
         simulation.step(actions)
-        crew.append(simulation.u[0, place])
-    assert crew.index(1.0) == pytest.approx(day * DAY, abs=1.0)
-    assert sum(crew) == pytest.approx(DAY if day > 1.0 else 2 * DAY, abs=1.0)
+        crew.append(simulation.u[:, place].copy())
+    assert [int(column.argmax()) for column in np.array(crew).T] == [day * DAY] * 40, "to the step, however the integrator rounds"
+    assert (np.sum(crew, axis=0) == (DAY if day > 1.0 else 2 * DAY)).all()
+
+
+def test_who_asks_for_nothing_asks_for_no_crew() -> None:
+    *climate, crew = TASK.actions
+    assert [action.idle for action in climate] == [0.0] * 4
+    assert crew.idle == crew.low
+    assert "plantingDays = 20 day on at 1, 65 day at -1" in crew.meaning
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.control import Scenario, StageReward
-from glbench.control.scenario import actions_of
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation
-from glbench.env.actuation import make_actuation
+from glbench.env.actuation import actions_of, make_actuation
 from glbench.env.snapshot import Snapshot
 from glbench.errors import TaskError
 from glbench.report.task_words import definition_in_words

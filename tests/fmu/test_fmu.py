@@ -392,6 +392,30 @@ def test_other_models_and_kinds_of_actuation_have_their_own_variables(name: str,
     assert simulation.u[0].any()
 
 
+@pytest.mark.parametrize(("target", "day"), [(None, None), (0.49, None), (0.5, 2), (1.0, 2)])
+def test_a_crew_comes_when_it_is_wanted_and_the_plants_are_old_enough(target: float | None, day: int | None, tmp_path: Path) -> None:
+    from glbench.fmu.scenario import FmuSetup
+    from glbench.fmu.slave import GreenhouseSlave
+
+    task = get_task("LettuceHarvest-v1").replace({"actuation.on_off.uHarvest.due.first": 2.0, "actuation.on_off.uHarvest.due.last": 60.0})
+
+    class Slave(GreenhouseSlave):
+        setup = FmuSetup(task.id, task.digest, json.dumps(task.attachment()), 3, "validation", "0")
+
+    slave = Slave(instance_name="one", resources="")
+    slave.exit_initialization_mode()
+    variables = {variable.name: variable for variable in slave.vars.values()}
+    assert "off below 0.5, else 1 or more" in variables["target.harvest"].description
+    if target is not None:
+        slave.set_real([reference for reference, one in slave.vars.items() if one.name == "target.harvest"], [target])
+    at_work = []
+    for quarter in range(4 * 96):
+        assert slave.do_step(quarter * 900.0, 900.0), slave.log_queue[-1].msg
+        at_work.append(variables["control.harvest"].getter() if "control.harvest" in variables else variables["harvest"].getter())
+    assert at_work.count(1.0) == (0 if day is None else 96)
+    assert day is None or at_work.index(1.0) == day * 96
+
+
 def test_a_control_step_that_cannot_be_computed_ends_the_season_as_in_the_environment(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

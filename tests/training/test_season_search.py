@@ -19,8 +19,10 @@ from glbench.errors import TrainingError
 from glbench.kernel import StepFailure
 from glbench.tasks import TaskSpec, task_card
 from glbench.training import read_settings, train
-from glbench.training.periodic_evaluation import season_sums
-from glbench.training.season_search import BatchedPolicy, SearchSettings, read_season_search, search
+from glbench.training.compiled_settings import CompiledSettings
+from glbench.training.folder import Trained
+from glbench.training.periodic_evaluation import Listener, Progress, season_sums
+from glbench.training.season_search import BatchedPolicy, SearchSettings, read_season_search, search, train_then_search
 from tests.agents.test_actor import policy as actor_of
 from tests.training.conftest import PPO, SAC
 from tests.training.watching import PowerCutError, Watching
@@ -241,3 +243,29 @@ def test_a_run_that_fails_is_charged_for_each_missing_step_once(day: TaskSpec) -
     for name in ("reward", "epi", "penalty"):
         expected = sum(float(step[name][0]) for step in steps) + (day.steps - 9) * getattr(charge, name)
         assert sums[name][0] == pytest.approx(expected, rel=1e-4)
+
+
+def test_progress_of_several_stages_is_that_of_all_of_them(
+    day: TaskSpec, start: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A first stage of 96 steps, and a search of 6 generations of 8 seasons."""
+    own = settings_for(start, tmp_path)
+    compiled = CompiledSettings.model_validate({"learner": "compiled", "n_timesteps": 96, "n_envs": 8, "n_steps": 12, "batch_size": 48})
+    steps = (96, own.steps(day))
+
+    def stage(_: object, settings: object, folder: Path, **options: Any) -> Trained:
+        total = steps[settings is not compiled]
+        for listener in options["listeners"]:
+            listener.on_progress(Progress(total // 2, total, 1.0, None))
+        return Trained(folder, total, 0.0, total, 0.0, already_done=False)
+
+    monkeypatch.setattr("glbench.training.season_search.search", stage)
+    shares = []
+
+    class Noting(Listener):
+        def on_progress(self, progress: Progress) -> None:
+            shares.append((progress.steps, progress.total_steps))
+
+    trained = train_then_search(day, compiled, tmp_path / "agent", train=stage, searches=[own], listeners=[Noting()])
+    assert shares == [(48, sum(steps)), (96 + steps[1] // 2, sum(steps))]
+    assert trained.folder == tmp_path / "agent"
