@@ -57,6 +57,7 @@ DRIVERS = {
     "SpringEnergy-v1": "rule_based_energy",
     "FullSeasonEnergy-v1": "rule_based_energy",
     "GreenhouseReal-v1": "rule_based_tuned",
+    "LettuceHarvest-v1": "rule_based_harvest",
     "tests/golden/lettuceclassic.toml": "rule_based_lettuce",
     "tasks/drafts/springsetpoints-v1.toml": "grower",
 }

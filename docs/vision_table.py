@@ -17,7 +17,7 @@ PAGE, PICTURE = DOCS / "vision.md", DOCS / "images" / "vision-lettuce.jpg"
 CLASSES = ((3, 30), (30, 100), (100, 200), (200, 300), (300, 400), (400, 500), (500, 701))
 """From and below [g]."""
 SCALE = 0.06
-"""Error of the weekly sample of ``LettuceHarvest-v1``, relative: tasks/drafts/lettuceharvest-v1.toml."""
+"""Error of the weekly sample of ``LettuceHarvest-v1``, relative: tasks/lettuceharvest-v1.toml."""
 SHEET = (10.0, 30.0, 70.0, 130.0, 200.0, 300.0, 400.0, 550.0)
 """Masses of the picture [g]."""
 LIGHTS = ("overcast", "noon", "late afternoon")

@@ -12,7 +12,8 @@ from glbench.agents import load_agent
 from glbench.agents.harvest_rules import HARVEST, HarvestRulesAgent, HarvestRuleSettings
 from glbench.agents.tuned_rules import RulePage, read_rule_page, settings_text
 from glbench.env import Simulation
-from glbench.errors import SubmissionError, TrainingError
+from glbench.errors import SubmissionError
+from glbench.resources import data_folder
 from glbench.tasks import get_task, task_card
 from tests.agents.test_tuned_rules import PLAIN as CLIMATE
 from tests.env.test_harvest import written
@@ -115,5 +116,4 @@ def test_other_tasks_are_refused_in_words() -> None:
 def test_they_are_what_is_tuned_for_such_a_task() -> None:
     rule_search = pytest.importorskip("glbench.training.rule_search")
     assert rule_search.kind_for([TASK]) is HarvestRuleSettings
-    with pytest.raises(TrainingError, match="No rules are shipped for glbench/LettuceHarvest-v1"):
-        rule_search.shipped_start([TASK])
+    assert rule_search.shipped_start([TASK]) == data_folder("baselines") / "rule_based_harvest" / "rules" / "lettuceharvest.yml"

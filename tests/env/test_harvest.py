@@ -1,4 +1,4 @@
-"""The draft in which the agent calls the crew: bits of every way to step it, the crew's day, the ledger, checkers."""
+"""The task in which the agent calls the crew: bits of every way to step it, the crew's day, the ledger, checkers."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def early(tmp_path_factory: pytest.TempPathFactory) -> TaskSpec:
 
 
 def written(folder: Path, *changes: tuple[str, str]) -> TaskSpec:
-    text = Path(data_folder("tasks") / "drafts" / "lettuceharvest-v1.toml").read_text(encoding="utf-8")
-    for old, new in changes:
+    text = Path(data_folder("tasks") / "lettuceharvest-v1.toml").read_text(encoding="utf-8")
+    for old, new in (('id = "glbench/LettuceHarvest-v1"', 'id = "tests/Harvest-v1"'), *changes):
         assert text.count(old) == 1
         text = text.replace(old, new)
     (folder / "task.toml").write_text(text, encoding="utf-8")
