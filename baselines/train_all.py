@@ -232,7 +232,7 @@ def _ship(job: Job, folder: Path) -> None:
     card = tomllib.loads((HERE / job.recipe / CARD_OF_RECIPE).read_text(encoding="utf-8"))
     if job.seed:
         card["title"] += f"; training seed {job.seed}"
-        card["made"] = card["made"].replace("--seed 0", f"--seed {job.seed}")
+        card["made"] = card["made"].replace("--seed 0", f"--seed {job.seed}").replace("_seed0", f"_seed{job.seed}")
         levels = "" if job.recipe in COMPILED else ", for uncertainties of 0, 10 and 30 % only"
         card["description"] = f"As {job.recipe}, trained with seed {job.seed}{levels}."
     card["training"] = {"recipe": job.recipe, "seed": job.seed}
