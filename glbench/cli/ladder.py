@@ -140,7 +140,7 @@ def _check_start(task: TaskSpec, refs: Mapping[str, str]) -> None:
             prepare(task, ref, runs=1, sandbox="auto").check_start()
         except GlbenchError as error:
             remedy = f"Name others: {option} rule_based_fair, or {option} grower where a process computer works the actuators"
-            remedy += ", or a folder with the rules of docs/lettuce.md where agents call a crew."
+            remedy += ", or rule_based_harvest and rule_based_harvest_46 where agents call a crew."
             refuse(f"{option} {ref}: {error} {remedy}", GlbenchError, error)
 
 
