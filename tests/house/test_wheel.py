@@ -29,7 +29,7 @@ from tests.support import write_day_task
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
-LARGEST = 8_000_000
+LARGEST = 8_500_000
 """Size of a wheel that anybody installs at once [bytes]."""
 
 
