@@ -1572,9 +1572,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("it is at most 33 days or at least 46 days", "tests/docs/test_lettuce_page.py"),
         ("the grower who cuts after 40 days", "definition: DEFAULT in docs/harvest_figures.py"),
         ("in all 120 seasons of the validation split", "tests/docs/test_lettuce_page.py"),
-        ("the table of 120 seasons", "tests/docs/test_lettuce_page.py"),
         ("the mass is 0 and the days are 40", "definition: RULES in docs/harvest_figures.py"),
-        ("in `rule_based_harvest_46` they are 46", "definition: RULES in docs/harvest_figures.py"),
     ],
     "docs/vision.md": [
         ("10 to 550 g, in three", "definition: SHEET in docs/vision_table.py"),
