@@ -243,9 +243,9 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         for _ in range(steps):
             change = shares
             if task.actuation.kind == "rate":
-                wanted = simulation.commands[0].copy()
-                wanted[moved] = shares
-                change = actions_of(task, simulation.commands[0], wanted)
+                target = simulation.commands[0].copy()
+                target[moved] = shares
+                change = actions_of(task, simulation.commands[0], target)
             _, numbers, ended = simulation.step_single(change)
             rows.append(numbers[first:])
             if not simulation.over:

@@ -112,11 +112,15 @@ class SearchSettings(FrozenSettings):
     @property
     def digest(self) -> str:
         """SHA-256 (hex) over all settings but the number of generations, and over the policy."""
+        return self.digest_from(sha256(self.start_from.read_bytes()).hexdigest())
+
+    def digest_from(self, start: str) -> str:
+        """The same with a policy to start from that has the SHA-256 ``start`` (hex)."""
         content = self.model_dump(mode="json", exclude={"generations", "start_from"})
         for name, usual in _ADDED.items():
             if content[name] == usual:
                 del content[name]
-        content["start"] = sha256(self.start_from.read_bytes()).hexdigest()
+        content["start"] = start
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
