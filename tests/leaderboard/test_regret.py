@@ -312,7 +312,9 @@ def test_what_is_shipped_follows_from_the_released_results():
     assert files == {task_id.rpartition("/")[2] for task_id in known}
     assert dict(read_references()) == references_from(released, expected, read_references())
     for task_id, one in read_references().items():
-        if one.zero_agent in ("outdoor", "rule_based_harvest_46") and not one.plans:  # a newer task, without plans: what agents did themselves is no end of a scale
+        if (
+            one.zero_agent in ("outdoor", "rule_based_harvest_46") and not one.plans
+        ):  # a newer task, without plans: what agents did themselves is no end of a scale
             assert (one.best, one.best_agent) == (None, None)
             continue
         if len(known[task_id].runs) < len(expected[task_id].seeds):  # plans of the first runs are no end of a scale
