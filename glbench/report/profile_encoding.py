@@ -1,4 +1,6 @@
-"""Profiles inside the page: the columns that it draws, no finer than a screen can show, the weather of a task only once.
+"""Profiles inside the page: the columns that it draws, no finer than a screen can show.
+
+The weather of all runs of a task is kept once, the hours of a worst run with each result: the worst runs of two agents can differ.
 
 A profile holds more, and finer, than a page draws. What is embedded is rounded to a share of the largest value of its column (``LEVELS``
 steps between 0 and it) and written as differences from the number before, which compresses better. So 200 results stay one file of a
@@ -30,7 +32,7 @@ LEVELS: Mapping[str, int] = {"day": 400, "season": 1000, "worst": 160, "hours": 
 
 @cache
 def drawn_columns(task: TaskSpec | None) -> Mapping[str, frozenset[str]]:
-    """Columns of each part of a profile that the page draws of a task; of the calendar all."""
+    """Columns of each part of a profile that the page draws of a task; of the calendar all, of the weather those of the worst run."""
     labels, drawing = catalogue(task), charts_of(task)
     charts = drawing.charts
     penalty = [metric.name for metric in labels.of_kind("penalty")]
@@ -39,6 +41,7 @@ def drawn_columns(task: TaskSpec | None) -> Mapping[str, frozenset[str]]:
         "season": frozenset(charts["season"]),
         "worst": frozenset((*penalty, *(line["column"] for panel in drawing.panels for line in panel["lines"] if "column" in line))),
         "hours": frozenset((*penalty, *(item.column for item in labels.items))),
+        "weather": frozenset(line["weather"] for panel in drawing.panels for line in panel["lines"] if "weather" in line),
     }
 
 
@@ -68,7 +71,7 @@ def squeezed(text: bytes) -> str:
 def profile_blocks(
     entries: Sequence[ReportEntry], tasks: Mapping[str, TaskSpec | None], blocks: Blocks
 ) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
-    """Names of the profiles by task id and ``results_digest``, and of the weather by task id."""
+    """Names of the profiles by task id and ``results_digest``, and of the weather over all runs by task id."""
     with_profile = [(item, item.profile) for item in entries if item.profile is not None]
     names = blocks.add("profile", (embedded_profile(one, tasks[item.row.task_id]) for item, one in with_profile))
     profiles = {(item.row.task_id, item.row.results_digest): name for (item, _), name in zip(with_profile, names, strict=True)}
@@ -81,7 +84,6 @@ def profile_blocks(
             "slot_seconds": one.document["day"]["slot_seconds"],
             "day": {name: _coarse(column, levels) for name, column in one.document["weather"]["day"].items()},
             "season": {"columns": {name: _coarse(column, levels) for name, column in one.document["weather"]["season"]["columns"].items()}},
-            "hours": {name: _coarse(column, levels) for name, column in one.document["weather"]["hours"].items()},
         }
         for one in outside.values()
     )
@@ -106,6 +108,7 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
         "season": {"columns": _columns("season", drawn_of, document["season"]["columns"])},
         "calendar": {name: _coarse(one, LEVELS["calendar"]) for name, one in document["calendar"].items()},
         "worst": _columns("worst", drawn_of, document["worst"]),
+        "outside": _columns("weather", drawn_of, document["weather"]["hours"]),
         "hours": _columns("hours", drawn_of, document["hours"]),
     }
 

@@ -167,8 +167,7 @@ const later = (height, make) => {
 };
 
 const profileParts = (result, task) => later(2400, async () => {
-  const [profile, weather] = await Promise.all([block(result.profile), block(task.weather)]);
-  const { charts, controls, series } = wordsOf(task), has = (part) => (name) => profile[part].columns[name];
+  const profile = await block(result.profile), { charts, controls, series } = wordsOf(task), has = (part) => (name) => profile[part].columns[name];
   const day = (names) => h("div", { class: names.length % 3 ? "grid" : "grid three" }, names.filter(has("day")).map((name) => dayChart(task, name, [{ agent: result.agent, packed: profile.day.columns[name] }], profile.day.slot_seconds)));
   const season = (name, options) => seasonChart(task, name, profile.season.columns[name], result.agent, options);
   return [
@@ -182,6 +181,6 @@ const profileParts = (result, task) => later(2400, async () => {
     h("div", { class: "grid" }, charts.season.filter(has("season")).map((name) => season(name, { add: Boolean(series[name].money) }))),
     weeksPart(profile, task),
     calendarPart(profile, task),
-    worstPart(result, task, profile, weather),
+    worstPart(result, task, profile),
   ];
 });

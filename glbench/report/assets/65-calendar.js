@@ -56,9 +56,9 @@ const reasons = (result, task, profile) => {
 // The crop as the camera saw it, once a week.
 const strip = ({ pictures }) => (pictures ? h("div", { class: "strip" }, pictures.map((src, week) => h("div", { class: "small soft" }, h("img", { src, alt: `Picture of the crop on day ${7 * week + 1}` }), `day ${7 * week + 1}`))) : null);
 
-const worstPart = (result, task, profile, weather) => {
-  const { series, panels } = wordsOf(task), has = ({ column, weather: outside }) => (outside ? weather.hours[outside] : profile.worst[column]);
-  const course = ({ column, weather: outside }) => (outside ? unpack(weather.hours[outside]) : scaled([unpack(profile.worst[column])], series[column].range ? series[column].factor : 1)[0]);
+const worstPart = (result, task, profile) => {
+  const { series, panels } = wordsOf(task), has = ({ column, weather }) => (weather ? profile.outside[weather] : profile.worst[column]);
+  const course = ({ column, weather }) => (weather ? unpack(profile.outside[weather]) : scaled([unpack(profile.worst[column])], series[column].range ? series[column].factor : 1)[0]);
   const rows = panels.map((panel) => ({ ...panel, lines: panel.lines.filter(has) })).filter((panel) => panel.lines.length).map((panel) => ({ ...panel, lines: panel.lines.map((one) => [one.name, course(one), one.ink, one.decimals ?? 0]) }));
   const hours = rows[0].lines[0][1].map((_, hour) => new Date(Date.parse(`${task.start}T00:00:00Z`) + 3.6e6 * (hour + 0.5)).toISOString().slice(0, 16));
   const colour = (name) => ({ lamp: colourAt(3), vent: colourAt(2), accent: colourOf(result.agent) })[name] ?? variable(name);
