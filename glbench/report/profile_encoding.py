@@ -21,7 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.scenario import first_day
+from glbench.errors import GlbenchError
 from glbench.evaluation.profiles import Profile
+from glbench.evaluation.records import TaskRecord
 from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.report.facts import ReportEntry
 from glbench.tasks import TaskSpec
@@ -73,7 +76,8 @@ def profile_blocks(
 ) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
     """Names of the profiles by task id and ``results_digest``, and of the weather over all runs by task id."""
     with_profile = [(item, item.profile) for item in entries if item.profile is not None]
-    names = blocks.add("profile", (embedded_profile(one, tasks[item.row.task_id]) for item, one in with_profile))
+    embedded_profiles = (embedded_profile(one, tasks[item.row.task_id], item.stored.result.task) for item, one in with_profile)
+    names = blocks.add("profile", embedded_profiles)
     profiles = {(item.row.task_id, item.row.results_digest): name for (item, _), name in zip(with_profile, names, strict=True)}
     outside: dict[str, Profile] = {}
     for item, one in sorted(with_profile, key=lambda pair: not pair[0].stored.released):  # what came with glbench knows the weather best
@@ -91,8 +95,8 @@ def profile_blocks(
     return profiles, dict(zip(outside, weather, strict=True))
 
 
-def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
-    """What the page holds of a profile."""
+def embedded_profile(profile: Profile, task: TaskSpec | None, named: TaskRecord) -> dict[str, Any]:
+    """What the page holds of a profile; ``named`` is the task as its result names it."""
     document, drawn_of = profile.document, drawn_columns(task)
     energy = {
         part: {name: _coarse(one, LEVELS["energy"]) for name, one in columns.items()}
@@ -104,6 +108,7 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
         **({"energy": energy} if energy else {}),
         **({"pictures": pictures} if pictures else {}),
         "seeds": document["seeds"],
+        "start": _start_of_worst(profile, task, named),
         "day": {"slot_seconds": document["day"]["slot_seconds"], "columns": _columns("day", drawn_of, document["day"]["columns"])},
         "season": {"columns": _columns("season", drawn_of, document["season"]["columns"])},
         "calendar": {name: _coarse(one, LEVELS["calendar"]) for name, one in document["calendar"].items()},
@@ -111,6 +116,17 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
         "outside": _columns("weather", drawn_of, document["weather"]["hours"]),
         "hours": _columns("hours", drawn_of, document["hours"]),
     }
+
+
+def _start_of_worst(profile: Profile, task: TaskSpec | None, named: TaskRecord) -> str | None:
+    """First day of the worst run; ``None`` where its task, the task's weather or its secret draws are not here."""
+    try:
+        scored = None if task is None else task.scored_in(named.split)
+        if scored is None or scored.salt_commitment != named.salt_commitment:
+            return None
+        return first_day(scored, profile.document["seeds"]["worst"]).isoformat()
+    except GlbenchError:
+        return None
 
 
 def _as_address(picture: bytes) -> str:

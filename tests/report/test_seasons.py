@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +17,11 @@ from glbench.leaderboard.collect import published_expectations
 from glbench.report import build_report
 from glbench.resources import data_folder
 from tests.report.conftest import Made
+from tests.report.test_browser import CHROMIUM, browser, draw_everything, visit
 from tests.report.test_data import blocks_of, embedded, unpacked
 
+__all__ = ["browser", "visit"]
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with")
 REAL, PAPER = "GreenhouseReal-v1", "Schiphol2010-Delta10-v1"
 SHOWN = {REAL: ("mpc_greenhouse", "rule_based"), PAPER: ("rule_based",)}
 
@@ -51,3 +56,51 @@ def test_each_worst_run_has_the_weather_of_its_own_season(made):
             packed = profiles[item.result.agent.name]["outside"]["outdoor_temperature"]
             kept = np.array(genuine["values"]) * genuine["resolution"]
             np.testing.assert_allclose(unpacked(packed), kept, rtol=0.0, atol=0.5001 * packed["resolution"])
+
+
+DATE = re.compile(r"\d (January|February|March|April|May|Jan|Feb|Mar|Apr)\b")
+
+
+def ticks(page, caption: str) -> list[str]:
+    """What stands along the days of the chart with ``caption``."""
+    return page.locator("figure", has_text=caption).first.locator(".xtick text").all_text_contents()
+
+
+@needs_browser
+def test_the_worst_run_is_dated_by_its_own_start_and_means_over_runs_by_numbers(visit, made):
+    worst = blocks_by_agent(made, REAL)["mpc_greenhouse"]
+    assert worst["start"] == "2010-03-09"
+    page = visit(f"#/agent/mpc_greenhouse/{REAL}")
+    draw_everything(page)
+    assert "Its hardest day was 23 April" in page.inner_text("main")
+    assert page.locator("#choose-week option").nth(1).inner_text() == "week 1, from 9 March"
+    assert page.locator("#weeks tbody th").all_inner_texts()[::8] == ["1", "9 (4 days)"]
+    assert ticks(page, "Air temperature °C, daily mean")[:2] == ["day 1", "day 16"]
+    assert "Every column is a day since the start of each run" in page.inner_text("main")
+    page = visit(f"#/task/{REAL}")
+    draw_everything(page)
+    assert ticks(page, "mean and range of the day")[:2] == ["day 1", "day 16"]
+
+
+@needs_browser
+def test_runs_that_start_on_one_day_are_dated(visit):
+    page = visit(f"#/agent/rule_based/{PAPER}")
+    draw_everything(page)
+    assert page.locator("#choose-week option").nth(1).inner_text() == "week 1, from 1 March"
+    assert page.locator("#weeks tbody th").first.inner_text() == "1 Mar"
+    assert ticks(page, "Air temperature °C, daily mean")[:2] == ["1 Mar", "16 Mar"]
+
+
+@needs_browser
+def test_a_worst_run_with_secret_draws_has_no_dates(visit, made, tmp_path, monkeypatch):
+    items = [item for item in made.stored if item.result.task.id.endswith(REAL)]
+    secret = items[0].result.task.model_copy(update={"salt_commitment": "ab" * 32})
+    monkeypatch.setattr("glbench.report.page.load_profile", lambda result, path: load_profile(items[0].result, path))
+    report = build_report([replace(items[0], result=items[0].result.model_copy(update={"task": secret}))])
+    (tmp_path / "index.html").write_text(report.html, encoding="utf-8")
+    (result,) = report.data["results"]
+    page = visit(f"#/agent/{result['agent']}/{report.data['tasks'][0]['short']}", file=tmp_path / "index.html")
+    draw_everything(page)
+    text = page.inner_text("main")
+    assert "Its hardest day was day 46" in text
+    assert not DATE.findall(text)

@@ -177,7 +177,7 @@ const profileParts = (result, task) => later(2400, async () => {
     h("details", { class: "data" }, h("summary", {}, `More of the day: growth, pipes, what was used, ${lower(wordsOf(task).metric[PENALTY].label)}`), h("div", {}, day(charts.more))),
     energyPart(profile, task),
     h("h2", {}, "The season"),
-    h("p", { class: "soft" }, "Day by day: the median over the runs; the best run (dashed) and the worst run (dotted) where they can be told apart from it."),
+    h("p", { class: "soft" }, "Day by day: the median over the runs; the best run (dashed) and the worst run (dotted) where they can be told apart from it.", task.start ? "" : " Runs start on different days: day 1 is the first day of each."),
     h("div", { class: "grid" }, charts.season.filter(has("season")).map((name) => season(name, { add: Boolean(series[name].money) }))),
     weeksPart(profile, task),
     calendarPart(profile, task),

@@ -47,7 +47,7 @@ const definitionParts = (parts) => [
 
 const weatherPart = (task) => later(700, async () => {
   const weather = await block(task.weather), { series, charts } = wordsOf(task), ink = () => variable("accent");
-  const x = Array.from({ length: task.days }, (_, day) => date(task.start, day, { day: "numeric", month: "short" })), ticks = x.filter((_, day) => day % Math.max(1, Math.ceil(task.days / 4)) === 0);
+  const x = Array.from({ length: task.days }, (_, day) => dayOf(task.start, day, SHORT_DATE)), ticks = x.filter((_, day) => day % Math.max(1, Math.ceil(task.days / 4)) === 0);
   const season = (name) => {
     const words = series[name], rows = unpack(weather.season.columns[name]), summed = Boolean(words.daily), factor = words.daily_factor ?? 1, [average, low, high] = scaled(rows, factor);
     const decimals = words.daily_decimals ?? words.decimals;
