@@ -85,6 +85,7 @@ def profile_blocks(
     levels = LEVELS["weather"]
     embedded = (
         {
+            "runs": len(one.document["seeds"].get("starts", ())) or 1,  # with weather of their own
             "slot_seconds": one.document["day"]["slot_seconds"],
             "day": {name: _coarse(column, levels) for name, column in one.document["weather"]["day"].items()},
             "season": {"columns": {name: _coarse(column, levels) for name, column in one.document["weather"]["season"]["columns"].items()}},

@@ -104,3 +104,18 @@ def test_a_worst_run_with_secret_draws_has_no_dates(visit, made, tmp_path, monke
     text = page.inner_text("main")
     assert "Its hardest day was day 46" in text
     assert not DATE.findall(text)
+
+
+@needs_browser
+def test_the_weather_says_which_of_its_numbers_are_over_many_runs(visit):
+    page = visit(f"#/task/{REAL}")
+    draw_everything(page)
+    text = page.inner_text("main")
+    assert re.search(r"on \d+ days of 60 at least one of the 100 runs had frost", text)
+    assert re.search(r"mean over the runs: \d+\.\d MJ/m² on the darkest and \d+\.\d MJ/m² on the brightest day", text)
+    assert "Runs start on different days" in text
+    page = visit(f"#/task/{PAPER}")
+    draw_everything(page)
+    text = page.inner_text("main")
+    assert re.search(r"; frost on \d+ days; .* MJ/m² on the brightest\.", text)
+    assert "Runs start on different days" not in text
