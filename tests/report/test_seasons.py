@@ -15,7 +15,9 @@ from glbench.evaluation.profiles import load_profile
 from glbench.leaderboard import collect_results, rank
 from glbench.leaderboard.collect import published_expectations
 from glbench.report import build_report
+from glbench.report.task_words import clock_changes
 from glbench.resources import data_folder
+from glbench.tasks import get_task
 from tests.report.conftest import Made
 from tests.report.test_browser import CHROMIUM, browser, draw_everything, visit
 from tests.report.test_data import blocks_of, embedded, unpacked
@@ -119,3 +121,29 @@ def test_the_weather_says_which_of_its_numbers_are_over_many_runs(visit):
     text = page.inner_text("main")
     assert re.search(r"; frost on \d+ days; .* MJ/m² on the brightest\.", text)
     assert "Runs start on different days" not in text
+
+
+WITH_CHANGE, WITHOUT_CHANGE = (REAL, "FullSeason-v1", "WinterLED-v1"), ("SpringEnergy-v1", PAPER, "LettuceClassic-Delta00-v1")
+
+
+@pytest.mark.parametrize("task", [*WITH_CHANGE, *WITHOUT_CHANGE])
+def test_it_is_known_whether_the_clock_can_change_within_a_run(task):
+    assert clock_changes(get_task(task)) == (task in WITH_CHANGE)
+
+
+@needs_browser
+@pytest.mark.parametrize("view", [f"#/agent/mpc_greenhouse/{REAL}", f"#/task/{REAL}", f"#/compare/mpc_greenhouse/rule_based/{REAL}"])
+def test_hours_after_a_clock_change_are_said_to_be_an_hour_off(visit, view):
+    page = visit(view)
+    draw_everything(page)
+    words = (
+        "Europe/Amsterdam, by the clock at the start of the run; after a clock change within the run they are an hour off the local clock"
+    )
+    assert words in page.inner_text("main")
+
+
+@needs_browser
+def test_hours_of_a_clock_that_never_changes_are_those_of_the_clock(visit):
+    page = visit(f"#/agent/rule_based/{PAPER}")
+    draw_everything(page)
+    assert "Hours are UTC." in page.inner_text("main")

@@ -32,6 +32,9 @@ const WORDS = D.words.map((words) => {
 const wordsOf = (one) => WORDS[one.words_of];
 const [SCORE, PROFIT, PENALTY] = ["score", "profit", "penalty"].map((kind) => WORDS[0].ofKind(kind)[0].name);
 
+// Profiles count the hours of a day from the first midnight of a run.
+const hoursOf = (task) => task.clock + (task.clock_changes ? ", by the clock at the start of the run; after a clock change within the run they are an hour off the local clock" : "");
+
 // What ranks, and what violations cost, inside sentences: points, or money where violations have prices.
 const inMoney = (task, name) => Boolean(wordsOf(task).metric[name].unit);
 const amountOf = (task, name, value) => withUnit(value, wordsOf(task).metric[name].decimals, wordsOf(task).metric[name].unit);

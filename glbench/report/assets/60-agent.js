@@ -172,7 +172,7 @@ const profileParts = (result, task) => later(2400, async () => {
   const season = (name, options) => seasonChart(task, name, profile.season.columns[name], result.agent, options);
   return [
     h("h2", {}, "A typical day"),
-    h("p", { class: "soft" }, `Median over all days and runs, with 50 % and 90 % bands; dotted lines are limits. Hours are ${task.clock}.`),
+    h("p", { class: "soft" }, `Median over all days and runs, with 50 % and 90 % bands; dotted lines are limits. Hours are ${hoursOf(task)}.`),
     day(charts.day), h("h3", {}, "Controls, share of capacity"), day(controls),
     h("details", { class: "data" }, h("summary", {}, `More of the day: growth, pipes, what was used, ${lower(wordsOf(task).metric[PENALTY].label)}`), h("div", {}, day(charts.more))),
     energyPart(profile, task),

@@ -18,7 +18,7 @@ const calendarPart = (profile, task) => {
   };
   return [
     h("h2", {}, "When limits were broken"),
-    h("p", { class: "soft" }, `Every column is a day${task.start ? "" : " since the start of each run"}, every row an hour (${task.clock}). The redder a cell, the more of that hour was outside the limit, mean over the runs.`,
+    h("p", { class: "soft" }, `Every column is a day${task.start ? "" : " since the start of each run"}, every row an hour (${hoursOf(task)}). The redder a cell, the more of that hour was outside the limit, mean over the runs.`,
       kept.length ? ` Never or hardly ever: ${sentence(kept.map((limit) => lower(limit.label)))}.` : ""),
     shown.length ? h("p", { class: "small soft ramp" }, "0 min", h("span", { "aria-hidden": "true" }), "60 min of the hour outside the limit") : null,
     shown.length ? h("div", { class: "grid two" }, shown.map(figure)) : h("p", {}, "No limit was broken."),

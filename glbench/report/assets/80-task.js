@@ -65,7 +65,8 @@ const weatherPart = (task) => later(700, async () => {
     h("p", {}, `Mean temperature ${withUnit(mean(temperatures[0]), 1, "\u00b0C")}, between ${withUnit(Math.min(...temperatures[1]), 1, "\u00b0C")} and ${withUnit(Math.max(...temperatures[2]), 1, "\u00b0C")}; ${weather.runs > 1 ? `on ${plural(frost, "day")} of ${task.days} at least one of the ${weather.runs} runs had frost` : `frost on ${plural(frost, "day")}`}; ${number(mean(sun), 1)} MJ/m\u00b2 of sun on the mean day, ${weather.runs > 1 ? "mean over the runs: " : ""}${number(Math.min(...sun), 1)} MJ/m\u00b2 on the darkest and ${number(Math.max(...sun), 1)} MJ/m\u00b2 on the brightest${weather.runs > 1 ? " day; single days of single runs can be darker and brighter" : ""}.`,
       task.start ? "" : " Runs start on different days: day 1 is the first day of each."),
     h("div", { class: "grid" }, charts.weather.map(season)),
-    h("h3", {}, `By hour of the day (${task.clock}): median, 50 % and 90 % bands over the days`),
+    h("h3", {}, "By hour of the day: median, 50 % and 90 % bands over the days"),
+    h("p", { class: "soft" }, `Hours are ${hoursOf(task)}.`),
     h("div", { class: "grid" }, charts.weather.map(day)),
   ];
 });
