@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from glbench.evaluation import evaluate
 from glbench.evaluation.profiles import load_profile
 from glbench.leaderboard import collect_results, rank
 from glbench.leaderboard.collect import published_expectations
@@ -18,25 +19,28 @@ from glbench.report import build_report
 from glbench.report.task_words import clock_changes
 from glbench.resources import data_folder
 from glbench.tasks import get_task
-from tests.report.conftest import Made
+from tests.report.conftest import Made, small_task, write_agent
 from tests.report.test_browser import CHROMIUM, browser, draw_everything, visit
 from tests.report.test_data import blocks_of, embedded, unpacked
 
 __all__ = ["browser", "visit"]
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with")
-REAL, PAPER = "GreenhouseReal-v1", "Schiphol2010-Delta10-v1"
+ALONE, REAL, PAPER = "Alone-v1", "GreenhouseReal-v1", "Schiphol2010-Delta10-v1"
 SHOWN = {REAL: ("mpc_greenhouse", "rule_based"), PAPER: ("rule_based",)}
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """Released results with their profiles: two agents whose worst runs differ, and one of a task with a single season."""
+    """Released results with their profiles, two agents whose worst runs differ and one of a task with a single season; and a single run."""
     folder: Path = tmp_path_factory.mktemp("seasons")
     for task, agents in SHOWN.items():
         (folder / "results" / task).mkdir(parents=True)
         for agent in agents:
             for file in (data_folder("reports/released/results") / task).glob(f"{agent}.*"):
                 shutil.copy(file, folder / "results" / task)
+    task = small_task(folder, "Alone")
+    task.write_text(task.read_text(encoding="utf-8").replace("runs = 3", "runs = 1"), encoding="utf-8")
+    evaluate(task, write_agent(folder, "thrifty"), out=folder)
     stored = collect_results([folder / "results"])
     report = build_report(stored)
     (folder / "index.html").write_text(report.html, encoding="utf-8")
@@ -147,3 +151,13 @@ def test_hours_of_a_clock_that_never_changes_are_those_of_the_clock(visit):
     page = visit(f"#/agent/rule_based/{PAPER}")
     draw_everything(page)
     assert "Hours are UTC." in page.inner_text("main")
+
+
+@needs_browser
+def test_one_run_is_called_one_run(visit):
+    page = visit(f"#/agent/thrifty/{ALONE}")
+    draw_everything(page)
+    text = page.inner_text("main")
+    assert "There is 1 run, that of seed 666." in text
+    assert "1 run" in page.locator("dl.tiles dd").all_inner_texts()[0]
+    assert "alike" not in text

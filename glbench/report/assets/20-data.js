@@ -122,11 +122,13 @@ const estimate = (result, metric) => {
   return remembered.get(key);
 };
 
+// Why an estimate has no interval.
+const withoutInterval = (result) => (result.seeds.length === 1 ? "1 run" : "all runs alike");
 // What an estimate's ends are, in words: of several trainings a range, else an interval.
-const spanWords = (result, { mean: center, low, high }, decimals) => (center === null ? "the result does not state it" : !(high > low) ? "no interval: all runs are alike"
+const spanWords = (result, { mean: center, low, high }, decimals) => (center === null ? "the result does not state it" : !(high > low) ? `no interval: ${withoutInterval(result)}`
   : result.members ? `lowest to highest of ${plural(result.trainings, "training")}: ${number(low, decimals)} \u2194 ${number(high, decimals)}`
     : `95 % interval over the draws, for this training: ${number(low, decimals)} to ${number(high, decimals)}`);
-const spanText = (result, { mean: center, low, high }, decimals) => (center === null ? "not stated" : !(high > low) ? "all runs alike" : `${number(low, decimals)} ${result.members ? "\u2194" : "to"} ${number(high, decimals)}`);
+const spanText = (result, { mean: center, low, high }, decimals) => (center === null ? "not stated" : !(high > low) ? withoutInterval(result) : `${number(low, decimals)} ${result.members ? "\u2194" : "to"} ${number(high, decimals)}`);
 
 // Results of a task with their ranks, best first: as on the leaderboard, or by the metric that ranks at the prices that hold now.
 const ranked = (taskId) => {

@@ -40,6 +40,7 @@ const reasons = (result, task, profile) => {
   const { items, violations } = wordsOf(task), priced = inMoney(task, SCORE);
   // A score in money may be near 0, so it is measured by all the money that changed hands.
   const behind = -gap(SCORE), whole = priced ? sum(items.map((one) => Math.abs(mean(of(one.money) ?? [0])))) : Math.abs(mean(of(SCORE))), share = (100 * behind) / whole;
+  if (result.seeds.length === 1) return [`There is 1 run, that of seed ${profile.seeds.worst}.`];
   if (!(behind > 1e-6 * Math.abs(mean(of(SCORE))))) return ["All runs are alike: there is no worst one. This is the first."];
   const [item] = items.map((one) => [one, one.sign * gap(one.money)]).sort((a, b) => a[1] - b[1])[0] ?? [];
   const worse = violations.map((one) => [one, gap(one.name)]).sort((a, b) => b[1] - a[1])[0] ?? [null, 0];
