@@ -173,8 +173,8 @@ def first_day(task: TaskSpec, seed: int) -> dt.date:
     """
     scenario, generated = task.scenario, task.scenario.generated
     if generated is None:
-        (season,), (late,) = _season_numbers(scenario, [seed]), _days_late(scenario, [seed])
-        return scenario.seasons[season].start + dt.timedelta(days=int(late))
+        season, late = int(_season_numbers(scenario, [seed])[0]), int(_days_late(scenario, [seed])[0])
+        return scenario.seasons[season].start + dt.timedelta(days=late)
     maker = SeasonMaker(task, np.datetime64(task.weather.start))
     (late,) = maker.start_days(np.array([(seed - generated.first_seed) % generated.seasons]))
     return task.weather.start + dt.timedelta(days=int(late))
