@@ -6,6 +6,7 @@ it starts; what is drawn in the step belongs to the program (``glbench.env.progr
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -94,8 +95,7 @@ class RunScenarios:
             if len(pool.seasons) > 1:
                 first += np.array(pool.seasons, np.int64)[_season_numbers(scenario, seeds)]
             if scenario.start_within_days:
-                share = _episode_numbers(scenario, seeds, "start day", 1)[:, 0]
-                first += (share * (scenario.start_within_days + 1)).astype(np.int64) * pool.day
+                first += _days_late(scenario, seeds) * pool.day
             weather = first
         names = [parameter_stream(group) for group in self.in_step]
         names += [part.STREAM for part in self.drawing_parts if part.numbers]
@@ -157,6 +157,27 @@ def _episode_keys(scenario: Scenario, seeds: Sequence[int], stream: str) -> NDAr
 def _season_numbers(scenario: Scenario, seeds: Sequence[int]) -> NDArray[np.int64]:
     """Which of the scenario's seasons each run is in."""
     return (_episode_numbers(scenario, seeds, "season", 1)[:, 0] * len(scenario.seasons)).astype(np.int64)
+
+
+def _days_late(scenario: Scenario, seeds: Sequence[int]) -> NDArray[np.int64]:
+    """Days from the first possible day to the first day of each run."""
+    share = _episode_numbers(scenario, seeds, "start day", 1)[:, 0]
+    return (share * (scenario.start_within_days + 1)).astype(np.int64)
+
+
+@lru_cache(maxsize=1024)
+def first_day(task: TaskSpec, seed: int) -> dt.date:
+    """First day of the run with ``seed``, on the clock of the greenhouse; its weather is not made.
+
+    Raises ``TaskError`` when the weather record does not have the years of the task.
+    """
+    scenario, generated = task.scenario, task.scenario.generated
+    if generated is None:
+        season, late = int(_season_numbers(scenario, [seed])[0]), int(_days_late(scenario, [seed])[0])
+        return scenario.seasons[season].start + dt.timedelta(days=late)
+    maker = SeasonMaker(task, np.datetime64(task.weather.start))
+    (late,) = maker.start_days(np.array([(seed - generated.first_seed) % generated.seasons]))
+    return task.weather.start + dt.timedelta(days=int(late))
 
 
 def season_names(task: TaskSpec, seeds: Sequence[int]) -> tuple[str | None, ...]:

@@ -31,7 +31,7 @@ from glbench.leaderboard.statistics import SCORES, Estimate, Interval
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.leaderboard.tables import scale_words
 from glbench.quantities import capitalised, pretty_unit
-from glbench.report.task_words import clock_of, definition_in_words, figures, for_growers
+from glbench.report.task_words import clock_changes, clock_of, common_start, definition_in_words, figures, for_growers
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, list_suites, read_lock
 
@@ -115,9 +115,10 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, A
     return {
         **facts,
         **figures(spec),
-        "start": spec.weather.start.isoformat(),
+        "start": (first := common_start(spec)) and first.isoformat(),
         "days": spec.weather.days,
         "clock": clock_of(spec),
+        "clock_changes": clock_changes(spec),
         "suites": list(spec.suites),
         **({"delta": 100 * spec.uncertainty.delta} if spec.conventions.shows_delta else {}),
         "description": " ".join(spec.description.split()),

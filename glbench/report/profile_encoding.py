@@ -1,4 +1,6 @@
-"""Profiles inside the page: the columns that it draws, no finer than a screen can show, the weather of a task only once.
+"""Profiles inside the page: the columns that it draws, no finer than a screen can show.
+
+The weather of all runs of a task is kept once, the hours of a worst run with each result: the worst runs of two agents can differ.
 
 A profile holds more, and finer, than a page draws. What is embedded is rounded to a share of the largest value of its column (``LEVELS``
 steps between 0 and it) and written as differences from the number before, which compresses better. So 200 results stay one file of a
@@ -19,7 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.scenario import first_day
+from glbench.errors import GlbenchError
 from glbench.evaluation.profiles import Profile
+from glbench.evaluation.records import TaskRecord
 from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.report.facts import ReportEntry
 from glbench.tasks import TaskSpec
@@ -30,7 +35,7 @@ LEVELS: Mapping[str, int] = {"day": 400, "season": 1000, "worst": 160, "hours": 
 
 @cache
 def drawn_columns(task: TaskSpec | None) -> Mapping[str, frozenset[str]]:
-    """Columns of each part of a profile that the page draws of a task; of the calendar all."""
+    """Columns of each part of a profile that the page draws of a task; of the calendar all, of the weather those of the worst run."""
     labels, drawing = catalogue(task), charts_of(task)
     charts = drawing.charts
     penalty = [metric.name for metric in labels.of_kind("penalty")]
@@ -39,6 +44,7 @@ def drawn_columns(task: TaskSpec | None) -> Mapping[str, frozenset[str]]:
         "season": frozenset(charts["season"]),
         "worst": frozenset((*penalty, *(line["column"] for panel in drawing.panels for line in panel["lines"] if "column" in line))),
         "hours": frozenset((*penalty, *(item.column for item in labels.items))),
+        "weather": frozenset(line["weather"] for panel in drawing.panels for line in panel["lines"] if "weather" in line),
     }
 
 
@@ -68,9 +74,10 @@ def squeezed(text: bytes) -> str:
 def profile_blocks(
     entries: Sequence[ReportEntry], tasks: Mapping[str, TaskSpec | None], blocks: Blocks
 ) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
-    """Names of the profiles by task id and ``results_digest``, and of the weather by task id."""
+    """Names of the profiles by task id and ``results_digest``, and of the weather over all runs by task id."""
     with_profile = [(item, item.profile) for item in entries if item.profile is not None]
-    names = blocks.add("profile", (embedded_profile(one, tasks[item.row.task_id]) for item, one in with_profile))
+    embedded_profiles = (embedded_profile(one, tasks[item.row.task_id], item.stored.result.task) for item, one in with_profile)
+    names = blocks.add("profile", embedded_profiles)
     profiles = {(item.row.task_id, item.row.results_digest): name for (item, _), name in zip(with_profile, names, strict=True)}
     outside: dict[str, Profile] = {}
     for item, one in sorted(with_profile, key=lambda pair: not pair[0].stored.released):  # what came with glbench knows the weather best
@@ -78,10 +85,10 @@ def profile_blocks(
     levels = LEVELS["weather"]
     embedded = (
         {
+            "runs": len(one.document["seeds"].get("starts", ())) or 1,  # with weather of their own
             "slot_seconds": one.document["day"]["slot_seconds"],
             "day": {name: _coarse(column, levels) for name, column in one.document["weather"]["day"].items()},
             "season": {"columns": {name: _coarse(column, levels) for name, column in one.document["weather"]["season"]["columns"].items()}},
-            "hours": {name: _coarse(column, levels) for name, column in one.document["weather"]["hours"].items()},
         }
         for one in outside.values()
     )
@@ -89,8 +96,8 @@ def profile_blocks(
     return profiles, dict(zip(outside, weather, strict=True))
 
 
-def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
-    """What the page holds of a profile."""
+def embedded_profile(profile: Profile, task: TaskSpec | None, named: TaskRecord) -> dict[str, Any]:
+    """What the page holds of a profile; ``named`` is the task as its result names it."""
     document, drawn_of = profile.document, drawn_columns(task)
     energy = {
         part: {name: _coarse(one, LEVELS["energy"]) for name, one in columns.items()}
@@ -102,12 +109,25 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
         **({"energy": energy} if energy else {}),
         **({"pictures": pictures} if pictures else {}),
         "seeds": document["seeds"],
+        "start": _start_of_worst(profile, task, named),
         "day": {"slot_seconds": document["day"]["slot_seconds"], "columns": _columns("day", drawn_of, document["day"]["columns"])},
         "season": {"columns": _columns("season", drawn_of, document["season"]["columns"])},
         "calendar": {name: _coarse(one, LEVELS["calendar"]) for name, one in document["calendar"].items()},
         "worst": _columns("worst", drawn_of, document["worst"]),
+        "outside": _columns("weather", drawn_of, document["weather"]["hours"]),
         "hours": _columns("hours", drawn_of, document["hours"]),
     }
+
+
+def _start_of_worst(profile: Profile, task: TaskSpec | None, named: TaskRecord) -> str | None:
+    """First day of the worst run; ``None`` where its task, the task's weather or its secret draws are not here."""
+    try:
+        scored = None if task is None else task.scored_in(named.split)
+        if scored is None or scored.salt_commitment != named.salt_commitment:
+            return None
+        return first_day(scored, profile.document["seeds"]["worst"]).isoformat()
+    except GlbenchError:
+        return None
 
 
 def _as_address(picture: bytes) -> str:

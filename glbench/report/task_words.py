@@ -283,6 +283,25 @@ def clock_of(task: tasks.TaskSpec) -> str:
         return "UTC"
 
 
+def clock_changes(task: tasks.TaskSpec) -> bool:
+    """Whether the clock can change to or from summer time within a run."""
+    zone, scenario = ZoneInfo(clock_of(task)), task.scored.scenario
+    days = range(task.weather.days + scenario.start_within_days + 1)
+    offsets = (
+        {dt.datetime.combine(season.start + dt.timedelta(days=late), dt.time(), zone).utcoffset() for late in days}
+        for season in scenario.seasons
+    )
+    return any(len(shifts) > 1 for shifts in offsets)
+
+
+def common_start(task: tasks.TaskSpec) -> dt.date | None:
+    """First day of all runs; ``None`` where the days of two runs have different dates, leap days included."""
+    scenario, length = task.scored.scenario, dt.timedelta(days=task.weather.days)
+    days = [season.start for season in scenario.seasons]
+    dates = {(first.month, first.day, last.month, last.day) for first, last in ((day, day + length) for day in days)}
+    return None if scenario.start_within_days or len(dates) > 1 else days[0]
+
+
 def minutes(seconds: float) -> str:
     """A step in minutes, or in seconds where that is not a whole number."""
     return f"{seconds / 60:g} min" if seconds % 60 == 0 else f"{seconds:g} s"

@@ -25,7 +25,7 @@ from glbench.env import (
     register_observation,
     run_weather,
 )
-from glbench.env.scenario import RunScenarios
+from glbench.env.scenario import RunScenarios, first_day
 from glbench.env.uncertainty import stream_key
 from glbench.env.weather_pool import WeatherPool
 from glbench.evaluation.limits import TimeLimits
@@ -33,6 +33,7 @@ from glbench.evaluation.runners import PrivilegedRunner
 from glbench.kernel import Kernel, why_not_compiled
 from glbench.model import TOMATO, paper
 from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.tasks.prices import local_times
 from glbench.tasks.quantities import Quantity
 from glbench.tasks.resolver import ParameterGroup, Scenario, Season, StartGroup
 from glbench.tasks.vocabulary import ObservationModule
@@ -178,6 +179,7 @@ def test_runs_start_on_their_own_day_of_their_own_season(make_own: MakeOwn) -> N
     simulation = Simulation(task, 300, "fast")
     simulation.reset(range(300))
     days = [str(day) for day in simulation.time.astype("datetime64[D]")]
+    assert [str(first_day(task, seed)) for seed in range(300)] == days
     allowed = {str(np.datetime64(season.start) + late) for season in SEASONS for late in range(6)}
     assert set(days) == allowed
     assert 100 < sum(day.startswith("2009") for day in days) < 200
@@ -274,6 +276,16 @@ def test_a_distribution_of_ones_own_for_the_episode_is_stepped_in_one_call(make_
     for action in walk(3, 3, N):
         results = [simulation.step(action) for simulation in pair]
         assert bits(pair[0], results[0]) == bits(pair[1], results[1])
+
+
+@pytest.mark.parametrize("split", ["test", "validation"])
+@pytest.mark.parametrize("task", ["GreenhouseReal-v1", "WinterLED-v1", "Schiphol2010-Delta10-v1"])
+def test_the_first_day_of_a_run_is_that_of_its_weather(task: str, split: str) -> None:
+    chosen = get_task(task) if get_task(task).splits is None else get_task(task).in_split(split)
+    for seed in (10067, 3):
+        weather = run_weather(chosen, seed)
+        local = local_times(weather.times[:1], weather.hour_of_day[:1])[0]
+        assert local == np.datetime64(first_day(chosen, seed), "s")
 
 
 def test_each_run_starts_from_its_own_weather_and_factors(make_own: MakeOwn) -> None:

@@ -104,6 +104,14 @@ def draw_everything(page: Page, tall: int = TALL) -> None:
     page.wait_for_function("[...document.querySelectorAll('.chart')].every((one) => one.dataset.drawn === 'yes')")
 
 
+def test_a_malformed_address_is_not_found(visit):
+    page = visit("#/%E0%A4%A")
+    assert page.locator("main h1").inner_text() == "Not found"
+    assert "%E0%A4%A" in page.inner_text("main")
+    page.evaluate("location.hash = '#/guide'")
+    page.wait_for_function("document.documentElement.dataset.shown === 'guide'")
+
+
 def order(page: Page) -> list[str]:
     return [text.split("\n")[0] for text in page.locator("table.ranks tbody th").all_inner_texts()]
 

@@ -91,7 +91,7 @@ def test_the_page_has_a_picture_of_each_week_of_the_worst_run(made: tuple[TaskSp
     assert profile.document["pictures"] == weekly
     again = make_profile(recorded_actions(result, path).task().scored_in(result.task.split), result, recorded_actions(result, path), None)
     assert again.to_bytes() == profile_path(path).read_bytes()
-    for scene, address in zip(weekly, embedded_profile(profile, task)["pictures"], strict=True):
+    for scene, address in zip(weekly, embedded_profile(profile, task, result.task)["pictures"], strict=True):
         kind, content = address.split(",")
         assert kind == "data:image/webp;base64"
         image = np.asarray(Image.open(io.BytesIO(base64.b64decode(content))), int)

@@ -31,6 +31,9 @@ const date = (iso, day, options = { day: "numeric", month: "long" }) => {
   moment.setUTCDate(moment.getUTCDate() + day);
   return moment.toLocaleDateString("en-GB", { ...options, timeZone: "UTC" });
 };
+// A day of runs: its date where all start on one day, else its number.
+const dayOf = (start, day, options) => (start ? date(start, day, options) : `day ${day + 1}`);
+const SHORT_DATE = { day: "numeric", month: "short" };
 const clockHour = (hour) => `${String(hour).padStart(2, "0")}:00`;
 
 // Text for plotly, which reads a little HTML: shown as it is written.

@@ -32,6 +32,9 @@ const WORDS = D.words.map((words) => {
 const wordsOf = (one) => WORDS[one.words_of];
 const [SCORE, PROFIT, PENALTY] = ["score", "profit", "penalty"].map((kind) => WORDS[0].ofKind(kind)[0].name);
 
+// Profiles count the hours of a day from the first midnight of a run.
+const hoursOf = (task) => task.clock + (task.clock_changes ? ", by the clock at the start of the run; after a clock change within the run they are an hour off the local clock" : "");
+
 // What ranks, and what violations cost, inside sentences: points, or money where violations have prices.
 const inMoney = (task, name) => Boolean(wordsOf(task).metric[name].unit);
 const amountOf = (task, name, value) => withUnit(value, wordsOf(task).metric[name].decimals, wordsOf(task).metric[name].unit);
@@ -119,11 +122,13 @@ const estimate = (result, metric) => {
   return remembered.get(key);
 };
 
+// Why an estimate has no interval.
+const withoutInterval = (result) => (result.seeds.length === 1 ? "1 run" : "all runs alike");
 // What an estimate's ends are, in words: of several trainings a range, else an interval.
-const spanWords = (result, { mean: center, low, high }, decimals) => (center === null ? "the result does not state it" : !(high > low) ? "no interval: all runs are alike"
+const spanWords = (result, { mean: center, low, high }, decimals) => (center === null ? "the result does not state it" : !(high > low) ? `no interval: ${withoutInterval(result)}`
   : result.members ? `lowest to highest of ${plural(result.trainings, "training")}: ${number(low, decimals)} \u2194 ${number(high, decimals)}`
     : `95 % interval over the draws, for this training: ${number(low, decimals)} to ${number(high, decimals)}`);
-const spanText = (result, { mean: center, low, high }, decimals) => (center === null ? "not stated" : !(high > low) ? "all runs alike" : `${number(low, decimals)} ${result.members ? "\u2194" : "to"} ${number(high, decimals)}`);
+const spanText = (result, { mean: center, low, high }, decimals) => (center === null ? "not stated" : !(high > low) ? withoutInterval(result) : `${number(low, decimals)} ${result.members ? "\u2194" : "to"} ${number(high, decimals)}`);
 
 // Results of a task with their ranks, best first: as on the leaderboard, or by the metric that ranks at the prices that hold now.
 const ranked = (taskId) => {

@@ -43,7 +43,7 @@ const seasonChart = (task, name, packed, agent, { add = false } = {}) => {
   const unit = add ? "EUR/m\u00b2 since the start" : (words.daily ?? `${words.unit}, daily mean`);
   const build = () => {
     const colour = colourOf(agent), days = (task.steps * task.step_seconds) / 86400;
-    const x = Array.from({ length: days }, (_, day) => date(task.start, day, { day: "numeric", month: "short" }));
+    const x = Array.from({ length: days }, (_, day) => dayOf(task.start, day, SHORT_DATE));
     const running = (values) => { let total = 0; return values.map((value) => (value === null ? null : (total += value))); };
     const [median, best, worst] = scaled(unpack(packed), factor).map((row) => (add ? running(row) : row));
     const digits = add ? 2 : words.daily_decimals ?? words.decimals, one = (label, values, more) => line(x, values, more.colour, { name: label, hovertemplate: `%{y:,.${digits}f}`, line: more.line });

@@ -16,7 +16,7 @@ const weeksPart = (profile, task) => {
   const shown = [...lights, ...amounts, ...money].filter(({ values, factor, decimals }) => values.some((value) => Math.abs(value * factor) >= 0.5 * 10 ** -decimals));
   if (!shown.length) return null;
   return h("details", { class: "data", id: "weeks" }, h("summary", {}, "By week: light, yield, heat, gas, power, CO\u2082 and profit"),
-    plainTable(`By week, ${task.clock}: sums of each day\u2019s median over the runs${pricesDiffer(task) ? ", at the task\u2019s prices" : ""}. Gas by its lower heating value, 31.65 MJ/m\u00b3.`, ["Week from", ...shown.map(({ label, unit }) => [label, unit ? h("span", { class: "unit" }, unit) : null])],
-      Array.from({ length: weeks }, (_, week) => [`${date(task.start, 7 * week, { day: "numeric", month: "short" })}${lengthOf(week) < 7 ? ` (${plural(lengthOf(week), "day")})` : ""}`, ...shown.map(({ values, factor, decimals }) => number(values[week] === null ? null : values[week] * factor, decimals))])),
+    plainTable(`By week, ${task.clock}: sums of each day\u2019s median over the runs${pricesDiffer(task) ? ", at the task\u2019s prices" : ""}. Gas by its lower heating value, 31.65 MJ/m\u00b3.`, [task.start ? "Week from" : "Week", ...shown.map(({ label, unit }) => [label, unit ? h("span", { class: "unit" }, unit) : null])],
+      Array.from({ length: weeks }, (_, week) => [`${task.start ? date(task.start, 7 * week, SHORT_DATE) : week + 1}${lengthOf(week) < 7 ? ` (${plural(lengthOf(week), "day")})` : ""}`, ...shown.map(({ values, factor, decimals }) => number(values[week] === null ? null : values[week] * factor, decimals))])),
     h("p", { class: "small soft" }, "Exact sums of every entry of the ledger, beside those of another agent: ", h("code", {}, "glbench story RESULT.json --page FILE.html"), "."));
 };

@@ -167,21 +167,20 @@ const later = (height, make) => {
 };
 
 const profileParts = (result, task) => later(2400, async () => {
-  const [profile, weather] = await Promise.all([block(result.profile), block(task.weather)]);
-  const { charts, controls, series } = wordsOf(task), has = (part) => (name) => profile[part].columns[name];
+  const profile = await block(result.profile), { charts, controls, series } = wordsOf(task), has = (part) => (name) => profile[part].columns[name];
   const day = (names) => h("div", { class: names.length % 3 ? "grid" : "grid three" }, names.filter(has("day")).map((name) => dayChart(task, name, [{ agent: result.agent, packed: profile.day.columns[name] }], profile.day.slot_seconds)));
   const season = (name, options) => seasonChart(task, name, profile.season.columns[name], result.agent, options);
   return [
     h("h2", {}, "A typical day"),
-    h("p", { class: "soft" }, `Median over all days and runs, with 50 % and 90 % bands; dotted lines are limits. Hours are ${task.clock}.`),
+    h("p", { class: "soft" }, `Median over all days and runs, with 50 % and 90 % bands; dotted lines are limits. Hours are ${hoursOf(task)}.`),
     day(charts.day), h("h3", {}, "Controls, share of capacity"), day(controls),
     h("details", { class: "data" }, h("summary", {}, `More of the day: growth, pipes, what was used, ${lower(wordsOf(task).metric[PENALTY].label)}`), h("div", {}, day(charts.more))),
     energyPart(profile, task),
     h("h2", {}, "The season"),
-    h("p", { class: "soft" }, "Day by day: the median over the runs; the best run (dashed) and the worst run (dotted) where they can be told apart from it."),
+    h("p", { class: "soft" }, "Day by day: the median over the runs; the best run (dashed) and the worst run (dotted) where they can be told apart from it.", task.start ? "" : " Runs start on different days: day 1 is the first day of each."),
     h("div", { class: "grid" }, charts.season.filter(has("season")).map((name) => season(name, { add: Boolean(series[name].money) }))),
     weeksPart(profile, task),
     calendarPart(profile, task),
-    worstPart(result, task, profile, weather),
+    worstPart(result, task, profile),
   ];
 });

@@ -6,7 +6,7 @@ const calendarPart = (profile, task) => {
   const shown = broken.filter((limit) => limit.total >= 0.05), kept = broken.filter((limit) => limit.total < 0.05);
   const figure = ({ label, minutes, total }) => {
     const days = minutes.length, byHour = Array.from({ length: 24 }, (_, hour) => minutes.map((day) => day[hour]));
-    const labels = minutes.map((_, day) => date(task.start, day, { day: "numeric", month: "short" }));
+    const labels = minutes.map((_, day) => dayOf(task.start, day, SHORT_DATE));
     const hours = byHour.map((row) => sum(row.filter((value) => value !== null))), dearest = hours.indexOf(Math.max(...hours));
     return chart(captionOf(label, `${number(total, total < 10 ? 1 : 0)} h in the season, most of it around ${clockHour(dearest)}`), () => ({
       traces: [{
@@ -18,7 +18,7 @@ const calendarPart = (profile, task) => {
   };
   return [
     h("h2", {}, "When limits were broken"),
-    h("p", { class: "soft" }, `Every column is a day, every row an hour (${task.clock}). The redder a cell, the more of that hour was outside the limit, mean over the runs.`,
+    h("p", { class: "soft" }, `Every column is a day${task.start ? "" : " since the start of each run"}, every row an hour (${hoursOf(task)}). The redder a cell, the more of that hour was outside the limit, mean over the runs.`,
       kept.length ? ` Never or hardly ever: ${sentence(kept.map((limit) => lower(limit.label)))}.` : ""),
     shown.length ? h("p", { class: "small soft ramp" }, "0 min", h("span", { "aria-hidden": "true" }), "60 min of the hour outside the limit") : null,
     shown.length ? h("div", { class: "grid two" }, shown.map(figure)) : h("p", {}, "No limit was broken."),
@@ -40,6 +40,7 @@ const reasons = (result, task, profile) => {
   const { items, violations } = wordsOf(task), priced = inMoney(task, SCORE);
   // A score in money may be near 0, so it is measured by all the money that changed hands.
   const behind = -gap(SCORE), whole = priced ? sum(items.map((one) => Math.abs(mean(of(one.money) ?? [0])))) : Math.abs(mean(of(SCORE))), share = (100 * behind) / whole;
+  if (result.seeds.length === 1) return [`There is 1 run, that of seed ${profile.seeds.worst}.`];
   if (!(behind > 1e-6 * Math.abs(mean(of(SCORE))))) return ["All runs are alike: there is no worst one. This is the first."];
   const [item] = items.map((one) => [one, one.sign * gap(one.money)]).sort((a, b) => a[1] - b[1])[0] ?? [];
   const worse = violations.map((one) => [one, gap(one.name)]).sort((a, b) => b[1] - a[1])[0] ?? [null, 0];
@@ -49,22 +50,23 @@ const reasons = (result, task, profile) => {
   if (gap(PENALTY) > 0) why.push(`${priced ? `its violations cost ${penaltyText(gap(PENALTY))} more` : `its penalty was ${penaltyText(gap(PENALTY))} higher`}${worse[1] > 0.05 ? ` (${lower(worse[0].label)} for ${withUnit(worse[1], 1, "h")} longer)` : ""}`);
   const { day, penalty } = hardestDay(profile);
   return [`Seed ${profile.seeds.worst} got a ${lower(wordsOf(task).metric[SCORE].label)} of ${amountOf(task, SCORE, of(SCORE)[row])}, ${priced ? amountOf(task, SCORE, behind) : `${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %)`} below the mean of all runs`,
-    why.length ? `: ${why.join(", and ")}. ` : ". ", penalty > 0 ? `Its hardest day was ${date(task.start, day)}, with ${priced ? `violations that cost ${penaltyText(penalty)}` : `a penalty of ${penaltyText(penalty)}`}.` : "",
+    why.length ? `: ${why.join(", and ")}. ` : ". ", penalty > 0 ? `Its hardest day was ${dayOf(profile.start, day)}, with ${priced ? `violations that cost ${penaltyText(penalty)}` : `a penalty of ${penaltyText(penalty)}`}.` : "",
     share < 1 ? " The runs hardly differ: this is how every run looks." : ""];
 };
 
 // The crop as the camera saw it, once a week.
 const strip = ({ pictures }) => (pictures ? h("div", { class: "strip" }, pictures.map((src, week) => h("div", { class: "small soft" }, h("img", { src, alt: `Picture of the crop on day ${7 * week + 1}` }), `day ${7 * week + 1}`))) : null);
 
-const worstPart = (result, task, profile, weather) => {
-  const { series, panels } = wordsOf(task), has = ({ column, weather: outside }) => (outside ? weather.hours[outside] : profile.worst[column]);
-  const course = ({ column, weather: outside }) => (outside ? unpack(weather.hours[outside]) : scaled([unpack(profile.worst[column])], series[column].range ? series[column].factor : 1)[0]);
+const worstPart = (result, task, profile) => {
+  const { series, panels } = wordsOf(task), has = ({ column, weather }) => (weather ? profile.outside[weather] : profile.worst[column]);
+  const course = ({ column, weather }) => (weather ? unpack(profile.outside[weather]) : scaled([unpack(profile.worst[column])], series[column].range ? series[column].factor : 1)[0]);
   const rows = panels.map((panel) => ({ ...panel, lines: panel.lines.filter(has) })).filter((panel) => panel.lines.length).map((panel) => ({ ...panel, lines: panel.lines.map((one) => [one.name, course(one), one.ink, one.decimals ?? 0]) }));
-  const hours = rows[0].lines[0][1].map((_, hour) => new Date(Date.parse(`${task.start}T00:00:00Z`) + 3.6e6 * (hour + 0.5)).toISOString().slice(0, 16));
+  const { start } = profile, place = (day) => (start ? new Date(Date.parse(`${start}T00:00:00Z`) + 864e5 * day).toISOString().slice(0, 16) : day + 1);
+  const hours = rows[0].lines[0][1].map((_, hour) => place((hour + 0.5) / 24));
   const colour = (name) => ({ lamp: colourAt(3), vent: colourAt(2), accent: colourOf(result.agent) })[name] ?? variable(name);
   // The week of the hardest day comes first: a whole season at once shows little.
   const days = (task.steps * task.step_seconds) / 86400, weeks = Math.ceil(days / 7);
-  const spanOf = (value) => (value === "all" ? null : [7 * Number(value), Math.min(7 * Number(value) + 7, days)].map((day) => new Date(Date.parse(`${task.start}T00:00:00Z`) + 864e5 * day).toISOString().slice(0, 16)));
+  const spanOf = (value) => (value === "all" ? null : [7 * Number(value), Math.min(7 * Number(value) + 7, days)].map(place));
   const hardest = String(Math.floor(hardestDay(profile).day / 7));
   let span = spanOf(hardest);
   const build = () => {
@@ -78,10 +80,10 @@ const worstPart = (result, task, profile, weather) => {
       for (const shape of limitShapes(limit)) shapes.push({ ...shape, yref: `y${key}`, xref: "x domain" });
     });
     const look = layout({ shapes, annotations, margin: { l: 8, r: 10, t: 22, b: 8 }, dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", hoversubplots: "axis" });
-    return { traces, layout: { ...look, ...axes, xaxis: axis({ type: "date", title: axisTitle(`day, ${task.clock}`), fixedrange: false, range: span ?? undefined, anchor: `y${rows.length}`, hoverformat: "%-d %B, %H:%M", tickformat: "%-d %b", nticks: 7 }) } };
+    return { traces, layout: { ...look, ...axes, xaxis: axis({ ...(start ? { type: "date", title: axisTitle(`day, ${task.clock}`), hoverformat: "%-d %B, %H:%M", tickformat: "%-d %b" } : { title: axisTitle("day of the run"), hoverformat: ".2f" }), fixedrange: false, range: span ?? undefined, anchor: `y${rows.length}`, nticks: 7 }) } };
   };
   const figure = chart(captionOf("Worst run, hour by hour", ""), build, { height: 760, says: `Climate, controls and ${lower(wordsOf(task).metric[PENALTY].label)} of the run with seed ${profile.seeds.worst}, hour by hour.` });
-  const place = figure.querySelector(".chart");
-  const view = select("Show", [{ value: "all", text: "the whole season" }, ...Array.from({ length: weeks }, (_, week) => ({ value: String(week), text: `week ${week + 1}, from ${date(task.start, 7 * week)}` }))], hardest, (value) => { span = spanOf(value); redrawChart(place); }, "choose-week");
+  const drawing = figure.querySelector(".chart");
+  const view = select("Show", [{ value: "all", text: "the whole season" }, ...Array.from({ length: weeks }, (_, week) => ({ value: String(week), text: `week ${week + 1}${start ? `, from ${date(start, 7 * week)}` : ""}` }))], hardest, (value) => { span = spanOf(value); redrawChart(drawing); }, "choose-week");
   return [h("h2", {}, "The worst run, and why"), h("p", {}, reasons(result, task, profile)), strip(profile), h("div", { class: "fields" }, view), figure];
 };

@@ -47,7 +47,7 @@ const definitionParts = (parts) => [
 
 const weatherPart = (task) => later(700, async () => {
   const weather = await block(task.weather), { series, charts } = wordsOf(task), ink = () => variable("accent");
-  const x = Array.from({ length: task.days }, (_, day) => date(task.start, day, { day: "numeric", month: "short" })), ticks = x.filter((_, day) => day % Math.max(1, Math.ceil(task.days / 4)) === 0);
+  const x = Array.from({ length: task.days }, (_, day) => dayOf(task.start, day, SHORT_DATE)), ticks = x.filter((_, day) => day % Math.max(1, Math.ceil(task.days / 4)) === 0);
   const season = (name) => {
     const words = series[name], rows = unpack(weather.season.columns[name]), summed = Boolean(words.daily), factor = words.daily_factor ?? 1, [average, low, high] = scaled(rows, factor);
     const decimals = words.daily_decimals ?? words.decimals;
@@ -62,9 +62,11 @@ const weatherPart = (task) => later(700, async () => {
   const [warmth, light] = charts.weather, temperatures = unpack(weather.season.columns[warmth]), sun = scaled(unpack(weather.season.columns[light]), series[light].daily_factor)[0], frost = temperatures[1].filter((value) => value < 0).length;
   return [
     h("h2", {}, "Weather at a glance"),
-    h("p", {}, `Mean temperature ${withUnit(mean(temperatures[0]), 1, "\u00b0C")}, between ${withUnit(Math.min(...temperatures[1]), 1, "\u00b0C")} and ${withUnit(Math.max(...temperatures[2]), 1, "\u00b0C")}; frost on ${plural(frost, "day")}; ${number(mean(sun), 1)} MJ/m\u00b2 of sun on the mean day, ${number(Math.min(...sun), 1)} on the darkest and ${number(Math.max(...sun), 1)} on the brightest.`),
+    h("p", {}, `Mean temperature ${withUnit(mean(temperatures[0]), 1, "\u00b0C")}, between ${withUnit(Math.min(...temperatures[1]), 1, "\u00b0C")} and ${withUnit(Math.max(...temperatures[2]), 1, "\u00b0C")}; ${weather.runs > 1 ? `on ${plural(frost, "day")} of ${task.days} at least one of the ${weather.runs} runs had frost` : `frost on ${plural(frost, "day")}`}; ${number(mean(sun), 1)} MJ/m\u00b2 of sun on the mean day, ${weather.runs > 1 ? "mean over the runs: " : ""}${number(Math.min(...sun), 1)} MJ/m\u00b2 on the darkest and ${number(Math.max(...sun), 1)} MJ/m\u00b2 on the brightest${weather.runs > 1 ? " day; single days of single runs can be darker and brighter" : ""}.`,
+      task.start ? "" : " Runs start on different days: day 1 is the first day of each."),
     h("div", { class: "grid" }, charts.weather.map(season)),
-    h("h3", {}, `By hour of the day (${task.clock}): median, 50 % and 90 % bands over the days`),
+    h("h3", {}, "By hour of the day: median, 50 % and 90 % bands over the days"),
+    h("p", { class: "soft" }, `Hours are ${hoursOf(task)}.`),
     h("div", { class: "grid" }, charts.weather.map(day)),
   ];
 });

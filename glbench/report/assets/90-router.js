@@ -3,10 +3,13 @@
 const link = (...parts) => `#/${parts.filter((part) => part !== "" && part !== undefined).map(encodeURIComponent).join("/")}`;
 const go = (...parts) => { location.hash = link(...parts); };
 
-const PAGES = { "": leaderboardPage, overall: suitePage, agents: agentsPage, agent: agentPage, compare: comparePage, tasks: tasksPage, task: taskPage, guide: guidePage };
+const PAGES = { "": leaderboardPage, overall: suitePage, agents: agentsPage, agent: agentPage, compare: comparePage, tasks: tasksPage, task: taskPage, guide: guidePage, missing: (where = "missing") => missingPage(`No page has the address \u201c${where}\u201d.`) };
 const NAVIGATION = [["Leaderboard", "", [""]], ["Overall", "overall", ["overall"]], ["Agents", "agents", ["agents", "agent"]], ["Compare", "compare", ["compare"]], ["Tasks", "tasks", ["tasks", "task"]], ["Guide", "guide", ["guide"]]];
 
-const address = () => location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
+const address = () => {
+  const written = location.hash.replace(/^#\/?/, "");
+  try { return written.split("/").map(decodeURIComponent); } catch { return ["missing", written]; }
+};
 const parse = () => {
   const [first, ...rest] = address();
   return Object.hasOwn(PAGES, first) ? [first, rest] : ["", [first, ...rest]];
