@@ -157,6 +157,21 @@ def catalogue(*tasks: TaskSpec | None) -> Catalogue:
     return together(catalogues)
 
 
+def catalogue_of(task: TaskSpec | None, units: Mapping[str, str]) -> Catalogue:
+    """The catalogue of one task; of one that is not known, that of the default one with the units that its results state."""
+    words = catalogue(task)
+    if task is not None:
+        return words
+    metrics = {name: _in_unit(one, units.get(name, one.unit), priced=units.get("penalty") == MONEY) for name, one in words.metrics.items()}
+    return replace(words, metrics=metrics)
+
+
+def _in_unit(metric: Metric, unit: str, *, priced: bool) -> Metric:
+    """``metric`` in another unit; where violations have prices, in the words for money."""
+    words = _counted_words(metric.name, "what is earned minus what is paid", usual=False, money=unit == MONEY) if priced else {}
+    return replace(metric, unit=unit, **words)
+
+
 def of_published(task_ids_: Iterable[str]) -> Catalogue:
     """The catalogue of those among these tasks that are published."""
     return catalogue(*(published_task(task_id) for task_id in task_ids_ if task_id in task_ids()))

@@ -22,10 +22,11 @@ from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_publi
 from glbench.leaderboard.entries import resolution_of
 from glbench.leaderboard.fresh_draws import fresh_note
 from glbench.leaderboard.ranking import Row, TaskTable
-from glbench.leaderboard.regret import PARTS, BestKnownMeans
+from glbench.leaderboard.regret import PARTS, PENALTY, BestKnownMeans
 from glbench.leaderboard.statistics import RESOLUTION, SCORES, Estimate, FrozenModel, Interval
 from glbench.leaderboard.suites import RULES, SuiteRow, SuiteTable
 from glbench.leaderboard.violations import FACTORS
+from glbench.quantities import MONEY
 from glbench.resources import write_atomically
 from glbench.tasks import PAPER_TASK, get_task
 from glbench.untrusted import visible
@@ -90,7 +91,7 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     tasks = [table.task for table in tables] or [None]
     meanings = {(task or get_task(PAPER_TASK)).ledger.meaning.rpartition(": ")[2] for task in tasks}
     profit = meanings.pop() if len(meanings) == 1 else ""
-    priced = {bool(task is not None and task.violation_prices) for task in tasks}
+    priced = {_prices_violations(table) for table in tables} or {False}
     units = " ".join(words for words, is_priced in _UNITS if is_priced in priced)
     name = "Profit" if priced == {True} else "EPI"
     rows = [row for table in tables for row in table.rows]
@@ -103,9 +104,14 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
     words = catalogue(*tasks)
     notes = [note.format(name=name, profit=profit, units=units, draws=words.draws, beyond=words.beyond) for note in FOOTNOTES]
-    if any(resolution_of(table.metric, table.task) for table in tables) or not tables:
+    if any(resolution_of(table.metric, table.task, table.units) for table in tables) or not tables:
         notes.insert(RESOLUTION_PLACE, RESOLUTION_NOTE)
     return [*notes, *extra]
+
+
+def _prices_violations(table: TaskTable) -> bool:
+    """Whether violations have prices; on a task that is not known, as its results say."""
+    return table.units.get(PENALTY) == MONEY if table.task is None else bool(table.task.violation_prices)
 
 
 def has_regret(table: TaskTable) -> bool:

@@ -11,10 +11,11 @@ import pytest
 
 from glbench.evaluation import load_result
 from glbench.leaderboard import rank, to_frame
+from glbench.leaderboard.entries import resolution_of
 from glbench.leaderboard.suites import suite_table
-from glbench.leaderboard.tables import json_schema, to_json, to_latex
+from glbench.leaderboard.tables import json_schema, to_json, to_latex, to_markdown
 from glbench.tasks.references import References
-from tests.leaderboard.synthetic import MONEY, TASK, make_result, stored
+from tests.leaderboard.synthetic import MONEY, TASK, make_result, result_with, stored
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "schema" / "leaderboard.schema.json"
 
@@ -86,3 +87,14 @@ def test_the_released_tables_have_the_units_of_the_results() -> None:
     of_paper = set(suites.loc[suites["suite"] == "paper", "reward_unit"])
     assert of_paper == {"'-"}  # the apostrophe keeps a spreadsheet from reading the minus as a formula
     assert set(suites.loc[suites["suite"] == "control-2025", "penalty_unit"]) == {"EUR m-2"}
+
+
+def test_a_task_that_is_not_known_has_the_units_of_its_results() -> None:
+    (table,) = rank([stored(result_with("money", [5.0, 6.0], [1.0, 2.0], task_id="mylab/Own-v1"))], {})
+    text = to_markdown([table], {})
+    assert table.task is None
+    assert "Score [EUR/m²]" in text
+    assert "Violations [EUR/m²]" in text
+    assert "have no unit" not in text
+    assert "differs by less than" not in text
+    assert resolution_of("reward", None, {"reward": "EUR m-2"}) == 0.0
