@@ -62,7 +62,7 @@ class Metric:
 
     def number(self, value: float) -> str:
         """A value with the decimals of its column."""
-        return f"{value:,.{self.digits}f}"
+        return f"{value:z,.{self.digits}f}"
 
     def phrase(self, value: float) -> str:
         """A value inside a sentence: ``reward 3,751.9``, ``score 4.321 EUR/m²``."""
@@ -70,7 +70,7 @@ class Metric:
 
     def text(self, value: float) -> str:
         """A value with the decimals that its unit deserves."""
-        return f"{value:,.{_DIGITS.get(self.unit, _FEW_DIGITS)}f}"
+        return f"{value:z,.{_DIGITS.get(self.unit, _FEW_DIGITS)}f}"
 
 
 @dataclass(frozen=True)
