@@ -166,6 +166,8 @@ def _by_names(tables: Sequence[TaskTable], names: Sequence[str]) -> list[TaskTab
             boards = [board for board in by_name if board.startswith(f"{name}@")]
             if boards:
                 refuse(f"'{name}' has several boards here, of sealed rounds or other splits. Name one: {', '.join(boards)}.", ResultError)
+            if namesakes := [board for board in by_name if board.endswith(f"/{name}")]:
+                refuse(f"Several tasks here are called '{name}'. Name one: {', '.join(namesakes)}.", ResultError)
             hint = where_results_are([name]) or did_you_mean(name, [table.task_id for table in tables])
             refuse(f"There are no results of a task '{name}'.{hint}", ResultError)
     return list({by_name[name].task_id: by_name[name] for name in names}.values())

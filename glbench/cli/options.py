@@ -189,7 +189,7 @@ def is_file(name: str) -> bool:
 
 
 def tables_by_name(tables: Sequence[TaskTable]) -> dict[str, TaskTable]:
-    """Tables by their board and by its short form, which means the published task where several have it.
+    """Tables by their board and by its short form, which means the published task where several have it, and nothing where none is.
 
     A task whose only board is one of other draws (``ID@...``) is that board.
     """
@@ -200,8 +200,10 @@ def tables_by_name(tables: Sequence[TaskTable]) -> dict[str, TaskTable]:
     ordered = sorted(tables, key=lambda table: table.task_id in published)
     tasks = [task_of_board(table.task_id) for table in ordered]
     only = {task: table for task, table in zip(tasks, ordered, strict=True) if tasks.count(task) == 1}
-    named = [*only.items(), *((table.task_id, table) for table in ordered)]
-    return {**{name.rpartition("/")[2]: table for name, table in named}, **dict(named)}
+    named = {**only, **{table.task_id: table for table in ordered}}
+    shorts = [name.rpartition("/")[2] for name in named]
+    clear = {name: short for name, short in zip(named, shorts, strict=True) if name in published or shorts.count(short) == 1}
+    return {**{short: named[name] for name, short in clear.items()}, **named}
 
 
 def check_folder(out: Path) -> None:

@@ -62,7 +62,7 @@ def show(
 def _origin(stored: StoredResult, out: Path) -> list[str]:
     """Origin of the result, whether it was reproduced, and the trainings that it belongs to."""
     from glbench.leaderboard import rank
-    from glbench.leaderboard.catalogue import catalogue
+    from glbench.leaderboard.catalogue import catalogue_of
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.tables import entry_label
 
@@ -76,7 +76,7 @@ def _origin(stored: StoredResult, out: Path) -> list[str]:
         if (row.task_id, row.results_digest) != (stored.board, result.results_digest):
             continue
         checked = "reproduced by glbench verify" if row.reproduced else "not reproduced yet (glbench verify)"
-        metric = _score(stored, catalogue(stored.task))
+        metric = _score(stored, catalogue_of(stored.task, stored.result.units))
         source, mean = f"Source: {row.origin}; {checked}", entry.estimates.get(metric.name)
         if not entry.is_range or mean is None:
             return [source]
@@ -93,12 +93,13 @@ def _score(stored: StoredResult, words: Catalogue) -> Metric:
 
 def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[console.Part]:
     """A result: metrics, money, runs, and how it was made."""
-    from glbench.leaderboard.catalogue import catalogue
+    from glbench.leaderboard.catalogue import catalogue_of
     from glbench.leaderboard.fresh_draws import fresh_words
     from glbench.leaderboard.tables import SEEN_MARK
     from glbench.leaderboard.training_data import contamination_warning, training_data_of
 
-    result, words = stored.result, catalogue(stored.task)
+    result = stored.result
+    words = catalogue_of(stored.task, result.units)
     score = _score(stored, words)
     yield summary_table(result, words)
     yield console.Line(Markup(f"\n[bold]Where the money went[/] (mean of {len(result.runs)} runs)"), wrap="always")

@@ -20,7 +20,7 @@ from glbench.arrays import Floats
 from glbench.episodes.episode import ACTING, Episode, weeks_of
 from glbench.episodes.signals import SCENE, Curve, Page, Signals, signals_of
 from glbench.errors import GlbenchError, refuse
-from glbench.quantities import pretty_unit, raised_unit
+from glbench.quantities import MONEY, in_sentence, pretty_unit, raised_unit
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, task_card
 from glbench.tasks.prices import local_times
@@ -133,7 +133,7 @@ class RunSet:
         return curve.shared and all(trajectory.began is None for trajectory in self.trajectories)
 
     def closeup(self) -> tuple[np.datetime64, np.datetime64]:
-        """Start and end of the days that fast quantities show first.
+        """Start and end of the days that fast quantities show first, which are days of the greenhouse's clock where that is known.
 
         Without a chosen first day these are the whole days in which the shown runs together broke their limits most. Raises
         ``GlbenchError`` when the chosen day is none of the episode's.
@@ -142,11 +142,12 @@ class RunSet:
         per_day = round(HOURS_PER_DAY * 3600 / self.task.step_seconds)
         width = min(self.days * per_day, self.longest.steps)
         if self.first_day is not None:
-            midnight = np.datetime64(str(self.first_day), "ns")
-            if not times[0] - np.timedelta64(1, "D") < midnight < times[-1]:
-                msg = f"{self.first_day} is not a day of what is shown, which lasts from {str(times[0])[:10]} to {str(times[-1])[:10]}."
+            midnight, clock = np.datetime64(str(self.first_day), "ns"), local(self.longest, self.signals.clock)
+            clock = times if clock is None else clock
+            if not clock[0] - np.timedelta64(1, "D") < midnight < clock[-1]:
+                msg = f"{self.first_day} is not a day of what is shown, which lasts from {str(clock[0])[:10]} to {str(clock[-1])[:10]}."
                 raise GlbenchError(msg)
-            first = int(np.searchsorted(times, midnight))
+            first = int(np.argmax(clock >= midnight))
         else:
             penalty = np.zeros(self.longest.steps)
             for trajectory in self.trajectories:
@@ -318,9 +319,12 @@ def _outcome(trajectory: Trajectory, signals: Signals) -> list[str]:
 
     result = f"{total(signals.total):.2f}".replace("-", "−")
     harvest = (f"{total(amount.column):.2f} {amount.words}" for amount in signals.harvest)
+    (score,) = (line for line in signals.accounts if line.kind == "score")
+    decimals = 2 if score.unit == MONEY else 1
+    score_words = f"{in_sentence(score.title)} {total(signals.reward):.{decimals}f} {pretty_unit(score.unit)}".rstrip()
     return [
         f"EPI {result} EUR/m² = revenue {total(*signals.income):.2f} − costs {total(*signals.costs):.2f}",
-        "; ".join([*harvest, f"reward {total(signals.reward):.1f}"]),
+        "; ".join([*harvest, score_words]),
     ]
 
 

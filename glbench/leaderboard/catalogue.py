@@ -62,7 +62,7 @@ class Metric:
 
     def number(self, value: float) -> str:
         """A value with the decimals of its column."""
-        return f"{value:,.{self.digits}f}"
+        return f"{value:z,.{self.digits}f}"
 
     def phrase(self, value: float) -> str:
         """A value inside a sentence: ``reward 3,751.9``, ``score 4.321 EUR/m²``."""
@@ -70,7 +70,7 @@ class Metric:
 
     def text(self, value: float) -> str:
         """A value with the decimals that its unit deserves."""
-        return f"{value:,.{_DIGITS.get(self.unit, _FEW_DIGITS)}f}"
+        return f"{value:z,.{_DIGITS.get(self.unit, _FEW_DIGITS)}f}"
 
 
 @dataclass(frozen=True)
@@ -155,6 +155,21 @@ def catalogue(*tasks: TaskSpec | None) -> Catalogue:
     """The catalogue of some tasks together; ``None``, or none at all, means a task that is not known: it is taken for the default one."""
     catalogues = [_of_task(task or published_task(PAPER_TASK)) for task in dict.fromkeys(tasks or (None,))]
     return together(catalogues)
+
+
+def catalogue_of(task: TaskSpec | None, units: Mapping[str, str]) -> Catalogue:
+    """The catalogue of one task; of one that is not known, that of the default one with the units that its results state."""
+    words = catalogue(task)
+    if task is not None:
+        return words
+    metrics = {name: _in_unit(one, units.get(name, one.unit), priced=units.get("penalty") == MONEY) for name, one in words.metrics.items()}
+    return replace(words, metrics=metrics)
+
+
+def _in_unit(metric: Metric, unit: str, *, priced: bool) -> Metric:
+    """``metric`` in another unit; where violations have prices, in the words for money."""
+    words = _counted_words(metric.name, "what is earned minus what is paid", usual=False, money=unit == MONEY) if priced else {}
+    return replace(metric, unit=unit, **words)
 
 
 def of_published(task_ids_: Iterable[str]) -> Catalogue:

@@ -18,7 +18,7 @@ from glbench.evaluation.evaluation import TRIALS, VALIDATION
 from glbench.evaluation.profiles import profile_path, read_profile
 from glbench.evaluation.records import AgentRecord
 from glbench.evaluation.saving import recorded_actions
-from glbench.leaderboard.catalogue import catalogue
+from glbench.leaderboard.catalogue import catalogue_of
 from glbench.resources import data_folder, is_released
 from glbench.tasks import TaskSpec, list_tasks, published_task, read_lock
 from glbench.untrusted import real_path
@@ -307,7 +307,7 @@ def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | 
         return None
     if same_runs(item.result, released.result):
         return None
-    words = catalogue(item.task)
+    words = catalogue_of(item.task, item.result.units)
     metric = words.score if item.task is None else words.metrics[item.task.evaluation.metric]
     name, means = item.result.agent.name, (one.result.summary.mean.get(metric.name) for one in (item, released))
     own, theirs = ("not stated" if mean is None else metric.number(mean) for mean in means)

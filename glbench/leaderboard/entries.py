@@ -219,9 +219,12 @@ def metric_of(task_id: str, expected: Mapping[str, Expectation], task: TaskSpec 
     return metric
 
 
-def resolution_of(metric: str, task: TaskSpec | None) -> float:
-    """Difference of what ranks that rounding can make where a task draws nothing; known of rewards that are scaled as the paper's."""
-    scaled = task is None or "scaled_epi" in task.reward.modules
+def resolution_of(metric: str, task: TaskSpec | None, units: Mapping[str, str]) -> float:
+    """Difference of what ranks that rounding can make where a task draws nothing; known of rewards that are scaled as the paper's.
+
+    Of a task that is not known, these are the rewards that have no unit in ``units``.
+    """
+    scaled = units.get(metric, "-") == "-" if task is None else "scaled_epi" in task.reward.modules
     return RESOLUTION if metric == RANKING_METRIC and scaled else 0.0
 
 

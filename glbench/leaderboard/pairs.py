@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from glbench.errors import ResultError, refuse
 from glbench.evaluation.records import RunResult
-from glbench.leaderboard.catalogue import Catalogue, catalogue
+from glbench.leaderboard.catalogue import Catalogue, catalogue_of
 from glbench.leaderboard.entries import Entry, metric_of, resolution_of
 from glbench.leaderboard.regret import METRICS, PARTS, best_known_of, regrets_of
 from glbench.leaderboard.statistics import SIGNIFICANCE, Array, Interval, estimate_difference, paired_test, probability_of_improvement
@@ -105,9 +105,9 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
     for entry in (one, other):
         if not entry.states(ranks_by):
             refuse(f"'{entry.name}' does not state its {ranks_by} on {first.task.id}, which is what agents are compared by.", ResultError)
-    words = catalogue(task)
     places = [[entry.seeds.index(seed) for seed in seeds] for entry in (one, other)]
     units = {**second.units, **first.units}
+    words = catalogue_of(task, units)
     years = years_of_runs(one.trainings[0]) or ()
     metrics = {}
     for name in words.known_first([*first.runs[0].metrics, *second.runs[0].metrics]):
@@ -116,7 +116,7 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         )
         metrics[name] = _metric(words.metric(name, units).unit, ours, theirs, (one.is_fixed, other.is_fixed))
     runs = [entry.by_training(ranks_by)[:, place] for entry, place in zip((one, other), places, strict=True)]
-    resolution = resolution_of(ranks_by, task)
+    resolution = resolution_of(ranks_by, task, units)
     test = paired_test(runs[:1], runs[1:], (resolution,), fixed=(one.is_fixed, other.is_fixed))
     gaps_by_run, met = runs[0].mean(axis=0) - runs[1].mean(axis=0), [years[i] for i in places[0]] if years else []
     of_year = {year: gaps_by_run[[year == one for one in met]] for year in sorted(set(met))}

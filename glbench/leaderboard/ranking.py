@@ -12,7 +12,7 @@ from pydantic import Field, computed_field
 
 from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard import statistics
-from glbench.leaderboard.catalogue import Catalogue, catalogue
+from glbench.leaderboard.catalogue import Catalogue, catalogue_of
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
 from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
@@ -160,7 +160,7 @@ class TaskTable(statistics.FrozenModel):
     @property
     def words(self) -> Catalogue:
         """What the task calls its metrics."""
-        return catalogue(self.task)
+        return catalogue_of(self.task, self.units)
 
     @property
     def results(self) -> tuple[Row, ...]:
@@ -207,7 +207,7 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
     metric = metric_of(task_id, expected, task)
     seeds = expected_seeds(task_id, [item for entry in entries for item in entry.trainings], expected)
     complete = {entry.name: entry for entry in entries if entry.complete and entry.states(metric)}
-    resolution = resolution_of(metric, task)
+    resolution = resolution_of(metric, task, entries[0].first.units)
     rows: list[Row] = []
     fixed = {name for name, entry in complete.items() if entry.is_fixed}
     values = {name: (entry.by_training(metric),) for name, entry in complete.items()}

@@ -209,7 +209,7 @@ def suite_table(
             by_agent.setdefault(agent, {})[task] = statistics.normalise(rewards, *ends[task]) if scaled else rewards
     whole = {agent: by_task for agent, by_task in by_agent.items() if len(by_task) == len(usable)}
     resolutions = [
-        (resolution_of(of_task[task].metric, of_task[task].task) if task in of_task else statistics.RESOLUTION)
+        (resolution_of(of_task[task].metric, of_task[task].task, of_task[task].units) if task in of_task else statistics.RESOLUTION)
         / (ends[task][1] - ends[task][0] if scaled else 1.0)
         for task in usable
     ]

@@ -22,10 +22,11 @@ from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_publi
 from glbench.leaderboard.entries import resolution_of
 from glbench.leaderboard.fresh_draws import fresh_note
 from glbench.leaderboard.ranking import Row, TaskTable
-from glbench.leaderboard.regret import PARTS, BestKnownMeans
+from glbench.leaderboard.regret import PARTS, PENALTY, BestKnownMeans
 from glbench.leaderboard.statistics import RESOLUTION, SCORES, Estimate, FrozenModel, Interval
 from glbench.leaderboard.suites import RULES, SuiteRow, SuiteTable
 from glbench.leaderboard.violations import FACTORS
+from glbench.quantities import MONEY
 from glbench.resources import write_atomically
 from glbench.tasks import PAPER_TASK, get_task
 from glbench.untrusted import visible
@@ -90,7 +91,7 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     tasks = [table.task for table in tables] or [None]
     meanings = {(task or get_task(PAPER_TASK)).ledger.meaning.rpartition(": ")[2] for task in tasks}
     profit = meanings.pop() if len(meanings) == 1 else ""
-    priced = {bool(task is not None and task.violation_prices) for task in tasks}
+    priced = {_prices_violations(table) for table in tables} or {False}
     units = " ".join(words for words, is_priced in _UNITS if is_priced in priced)
     name = "Profit" if priced == {True} else "EPI"
     rows = [row for table in tables for row in table.rows]
@@ -103,9 +104,14 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
     words = catalogue(*tasks)
     notes = [note.format(name=name, profit=profit, units=units, draws=words.draws, beyond=words.beyond) for note in FOOTNOTES]
-    if any(resolution_of(table.metric, table.task) for table in tables) or not tables:
+    if any(resolution_of(table.metric, table.task, table.units) for table in tables) or not tables:
         notes.insert(RESOLUTION_PLACE, RESOLUTION_NOTE)
     return [*notes, *extra]
+
+
+def _prices_violations(table: TaskTable) -> bool:
+    """Whether violations have prices; on a task that is not known, as its results say."""
+    return table.units.get(PENALTY) == MONEY if table.task is None else bool(table.task.violation_prices)
 
 
 def has_regret(table: TaskTable) -> bool:
@@ -178,10 +184,13 @@ def latex_text(text: str) -> str:
 
 
 def number_text(value: float | None, decimals: int) -> str:
-    """``value`` with so many decimals; what no greenhouse makes in powers of ten, so that it does not fill the screen; or a dash."""
+    """``value`` with so many decimals; what no greenhouse makes in powers of ten, so that it does not fill the screen; or a dash.
+
+    What rounds to zero has no sign.
+    """
     if value is None:
         return NONE
-    return f"{value:.{decimals}f}" if abs(value) < 1e9 else f"{value:.3e}"
+    return f"{value:z.{decimals}f}" if abs(value) < 1e9 else f"{value:.3e}"
 
 
 @dataclass(frozen=True)
@@ -288,18 +297,13 @@ def regret_columns(table: TaskTable, gives_way: tuple[int, int, int] = (0, 0, 0)
             if estimate is None:
                 return NONE
             if not spans:
-                return signless(number_text(estimate.mean, metric.digits))
+                return number_text(estimate.mean, metric.digits)
             return format_estimate(estimate, metric.digits, is_range=row.is_range)
 
         name = "Regret" if part == "total" else f"Regret, {part}"
         return TableColumn(replace(metric, heading=name).headed, text, number=not spans, gives_way=gives_way)
 
     return [column(part, metric, way) for part, metric, way in zip(PARTS, metrics, gives_way, strict=True)]
-
-
-def signless(text: str) -> str:
-    """A number as it is, but for one that rounds to zero, which has no sign."""
-    return text.removeprefix("-") if not text.strip("-0.") else text
 
 
 def overall_column(metric: Metric, gives_way: int = 0) -> TableColumn:
@@ -365,7 +369,7 @@ def price_columns(rows: Iterable[Row | SuiteRow], gives_way: int = 0) -> list[Ta
 
     def at(factor: float) -> TableColumn:
         def text(row: Row | SuiteRow) -> str:
-            return next((f"{signless(number_text(one.mean, 2))} #{one.rank}" for one in row.at_prices if one.factor == factor), NONE)
+            return next((f"{number_text(one.mean, 2)} #{one.rank}" for one in row.at_prices if one.factor == factor), NONE)
 
         return TableColumn(f"At {factor:g}× [EUR/m²]", text, gives_way=gives_way)
 
@@ -388,7 +392,7 @@ def money_columns(table: SuiteTable, gives_way: tuple[int, int] = (0, 0), *, spa
             interval: Interval | None = getattr(row, name)
             if interval is None:
                 return NONE
-            center, low, high = (signless(number_text(part, 3)) for part in (interval.value, interval.low, interval.high))
+            center, low, high = (number_text(part, 3) for part in (interval.value, interval.low, interval.high))
             return f"{center} [{low}, {high}]" if spans and interval.low < interval.high else center
 
         return TableColumn(heading, text, gives_way=gives_way)
@@ -903,10 +907,10 @@ def steps_text(steps: int | None) -> str:
     """Steps of a training as people write them: ``2.02M``; 0: not trained; a dash: not stated."""
     if steps is None:
         return NONE
-    for size, letter in ((1_000_000, "M"), (1_000, "k")):
-        if steps >= size:
-            return f"{steps / size:.3g}{letter}"
-    return str(steps)
+    if steps < 1_000:
+        return str(steps)
+    size, letter = (1_000, "k") if steps < 999_500 else (1_000_000, "M")
+    return f"{float(f'{steps / size:.3g}'):,.15g}{letter}"
 
 
 def sees_word(*, privileged: bool, information: str) -> str:

@@ -93,13 +93,14 @@ class LabelSets:
         return number
 
 
-def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, Any]:
-    """A task as the page shows it; without its definition only what results say of it."""
+def task_facts(table: TaskTable, steps: int, step_seconds: float, boards: Sequence[str]) -> dict[str, Any]:
+    """A task as the page shows it; without its definition only what results say of it. ``boards`` are those of the page."""
     spec: TaskSpec | None = table.task
     lock, short = read_lock(), short_task_id(table.task_id)
+    namesakes = [name for name in {*lock, *boards} - {table.task_id} if short_task_id(name) == short]
     facts: dict[str, Any] = {
         "id": table.task_id,
-        "short": table.task_id if table.task_id not in lock and short in map(short_task_id, lock) else short,
+        "short": table.task_id if namesakes and table.task_id not in lock else short,
         "title": table.title,
         "digest": table.digest,
         "metric": table.metric,

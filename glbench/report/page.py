@@ -109,15 +109,15 @@ def page_data(
     labels = facts.LabelSets(entries)
     profiles, weather = profile_blocks(entries, {table.task_id: table.task for table in tables}, blocks)
     of_task = {item.row.task_id: item.stored.result.task for item in entries}
+    task_ids = [table.task_id for table in tables]
     tasks = [
         {
-            **facts.task_facts(table, of_task[table.task_id].steps, of_task[table.task_id].step_seconds),
+            **facts.task_facts(table, of_task[table.task_id].steps, of_task[table.task_id].step_seconds, task_ids),
             "words_of": labels.of(table.words, [table.task_id], charts_of(table.task)),
             "weather": weather.get(table.task_id),
         }
         for table in tables
     ]
-    task_ids = [table.task_id for table in tables]
     by_digest = {(item.row.task_id, item.row.results_digest): item for item in entries}
     of_suites = [{**facts.suite_facts(table), "words_of": labels.of(of_published(table.tasks), table.tasks)} for table in suites]
     results = [one for table in tables for row in table.rows for one in facts.entry_facts(row, by_digest, profiles)]

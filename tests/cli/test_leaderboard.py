@@ -255,3 +255,14 @@ def test_an_unknown_suite_is_answered_with_the_nearest():
     result = run("--suite", "papre")
     assert result.exit_code == 1
     assert "'paper'" in str(result.exception)
+
+
+def test_a_name_that_two_tasks_of_users_share_is_refused_and_both_are_named(tmp_path: Path, few_released: None) -> None:
+    for name in ("alice", "bob"):
+        save_result(make_result(name, [1.0, 2.0], task_id=f"{name}/Own-v1"), tmp_path)
+    refused = run("--out", tmp_path, "--task", "Own-v1").exception
+    assert isinstance(refused, ResultError)
+    assert str(refused) == "Several tasks here are called 'Own-v1'. Name one: alice/Own-v1, bob/Own-v1."
+    shown = run("--out", tmp_path, "--task", "alice/Own-v1").stdout
+    assert "alice" in shown
+    assert "bob" not in shown

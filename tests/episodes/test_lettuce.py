@@ -236,3 +236,20 @@ def test_what_is_recorded_and_drawn_of_tomatoes_stays_as_it_was() -> None:
 
 def _digest(rows: list[tuple[object, ...]]) -> str:
     return hashlib.sha256(repr(rows).encode()).hexdigest()[:16]
+
+
+def test_days_are_chosen_on_the_greenhouses_clock(lettuce: Lettuce) -> None:
+    shown = shown_of(lettuce.episodes[:1])
+    clock = local(shown.longest, shown.signals.clock)
+    assert clock is not None
+    first, second, last = (clock[step].astype("datetime64[D]").item() for step in (0, 24, -1))
+    start, end = replace(shown, first_day=second, days=1).closeup()
+    assert (start, end) == (shown.times[24], shown.times[48])
+    assert replace(shown, first_day=first, days=1).closeup() == (shown.times[0], shown.times[24])
+    with pytest.raises(GlbenchError, match=f"{last} is not a day of what is shown, which lasts from {first} to {last}"):
+        replace(shown, first_day=last).closeup()
+
+
+def test_the_card_tells_the_score_with_its_unit(lettuce: Lettuce) -> None:
+    shown = shown_of(lettuce.episodes[:1])
+    assert f"score {shown.longest.columns['reward'].sum():.2f} EUR/m²" in card(shown)

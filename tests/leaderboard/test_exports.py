@@ -11,10 +11,13 @@ import pytest
 
 from glbench.evaluation import load_result
 from glbench.leaderboard import rank, to_frame
+from glbench.leaderboard.catalogue import unknown_metric
+from glbench.leaderboard.entries import resolution_of
+from glbench.leaderboard.statistics import Estimate
 from glbench.leaderboard.suites import suite_table
-from glbench.leaderboard.tables import json_schema, to_json, to_latex
+from glbench.leaderboard.tables import format_estimate, json_schema, number_text, steps_text, to_json, to_latex, to_markdown
 from glbench.tasks.references import References
-from tests.leaderboard.synthetic import MONEY, TASK, make_result, stored
+from tests.leaderboard.synthetic import MONEY, TASK, make_result, result_with, stored
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "schema" / "leaderboard.schema.json"
 
@@ -86,3 +89,28 @@ def test_the_released_tables_have_the_units_of_the_results() -> None:
     of_paper = set(suites.loc[suites["suite"] == "paper", "reward_unit"])
     assert of_paper == {"'-"}  # the apostrophe keeps a spreadsheet from reading the minus as a formula
     assert set(suites.loc[suites["suite"] == "control-2025", "penalty_unit"]) == {"EUR m-2"}
+
+
+def test_a_task_that_is_not_known_has_the_units_of_its_results() -> None:
+    (table,) = rank([stored(result_with("money", [5.0, 6.0], [1.0, 2.0], task_id="mylab/Own-v1"))], {})
+    text = to_markdown([table], {})
+    assert table.task is None
+    assert "Score [EUR/m²]" in text
+    assert "Violations [EUR/m²]" in text
+    assert "have no unit" not in text
+    assert "differs by less than" not in text
+    assert resolution_of("reward", None, {"reward": "EUR m-2"}) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("steps", "text"),
+    [(0, "0"), (999, "999"), (999_499, "999k"), (999_500, "1M"), (2_018_000, "2.02M"), (10**9, "1,000M"), (10**13, "10,000,000M")],
+)
+def test_steps_of_a_training_have_no_powers_of_ten(steps: int, text: str) -> None:
+    assert steps_text(steps) == text
+
+
+def test_what_rounds_to_zero_has_no_sign() -> None:
+    assert number_text(-0.0004, 2) == "0.00"
+    assert format_estimate(Estimate(mean=-0.0004, iqm=0.0, low=-0.0009, high=0.004), 2) == "0.00 [0.00, 0.00]"
+    assert unknown_metric("drift", "K").number(-0.0004) == unknown_metric("drift", "K").text(-0.0004) == "0.00"

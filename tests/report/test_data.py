@@ -25,7 +25,7 @@ from glbench.report.facts import families, optional_facts, suite_facts
 from glbench.report.page import asset, script_names
 from glbench.report.profile_encoding import LEVELS
 from glbench.tasks import PAPER_TASK, get_task, list_tasks
-from tests.leaderboard.synthetic import digest_of, result_with, stored
+from tests.leaderboard.synthetic import digest_of, make_result, result_with, stored
 
 
 def blocks_of(html: str) -> dict:
@@ -260,6 +260,12 @@ def test_a_result_that_shares_its_digest_under_another_task_does_not_speak_for_t
     short = {task["id"]: task["short"] for task in data["tasks"]}
     assert short[original.result.task.id] == "Schiphol2010-Delta10-v1"
     assert short[task.id] == task.id
+
+
+def test_two_tasks_of_users_with_one_name_are_called_by_their_whole_ids():
+    results = [make_result(name, [1.0, 2.0], task_id=f"{name}/Own-v1") for name in ("alice", "bob")]
+    tasks = build_report([stored(one) for one in results]).data["tasks"]
+    assert [task["short"] for task in tasks] == [task["id"] for task in tasks] == ["alice/Own-v1", "bob/Own-v1"]
 
 
 @pytest.mark.parametrize("task", ["Spring-v1", "FullSeason-v1", "Lettuce-v1", "Schiphol2010-Delta10-v1"])
