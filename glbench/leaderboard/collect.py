@@ -11,6 +11,7 @@ from typing import Literal
 from glbench.agents.baselines import digests_of_baseline, shipped_sight
 from glbench.agents.identity import baseline_names
 from glbench.agents.naming import skeleton, skeletons
+from glbench.env import run_years
 from glbench.episodes.header import task_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
@@ -79,6 +80,17 @@ class StoredResult:
         except GlbenchError:
             return None
         return task if task.id == self.result.task.id else None
+
+
+def years_of_runs(item: StoredResult) -> tuple[int, ...]:
+    """Weather year of each run; empty if all are of one year, or the task's definition or its secret salt is not known.
+
+    Raises ``TaskError`` when the task has no such split, or the weather record lacks its years.
+    """
+    evaluated, task = item.result.task, item.task
+    if task is None or evaluated.salt_commitment != task.salt_commitment:
+        return ()
+    return run_years(task.scored_in(evaluated.split), item.result.evaluation.seeds)
 
 
 def task_of_board(board: str) -> str:
@@ -168,8 +180,8 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
 
     A released result always keeps its place. The user's own evaluation of a built-in agent takes a place that is free, is not needed where
     it has the bits of the released one, and is left out where it differs. Whatever bears the name of a released agent and is another one is
-    left out. In the folder of a sealed round, where all results are of one, only these are returned. Raises ``ResultError`` when the
-    released results hold two of one agent and task.
+    left out, and so is a file that cannot be ranked. In the folder of a sealed round, where all results are of one, only these are
+    returned. Raises ``ResultError`` when the released results hold two of one agent and task.
 
     Returns at most one result an agent and task, sorted by task id and agent name; and an error for every file that is left out.
     """
@@ -191,6 +203,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             problem = (
                 _name_problem(item, agents, by_skeleton)
                 or _problem_of_task(item, published)
+                or _problem_of_row(item)
                 or _problem_beside(item, results.get((item.board, result.agent.name)))
             )
             if problem is not None:
@@ -292,6 +305,15 @@ def _problem_of_task(item: StoredResult, published: Expectation | None) -> str |
         f"{item.path} is not of '{task.id}' as it is published (digest {task.digest[:12]}..., published {published.digest[:12]}...): it "
         "was made with another definition, other weather or another version of the model. Evaluate the agent again with `glbench evaluate`."
     )
+
+
+def _problem_of_row(item: StoredResult) -> str | None:
+    """Why no table can have a row of a result; ``None`` where it can."""
+    try:
+        years_of_runs(item)
+    except GlbenchError as error:
+        return f"{item.path} cannot be ranked: {error}"
+    return None
 
 
 def same_runs(own: Result, released: Result) -> bool:

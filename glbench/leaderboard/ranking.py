@@ -13,11 +13,11 @@ from pydantic import Field, computed_field
 from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard import statistics
 from glbench.leaderboard.catalogue import Catalogue, catalogue
-from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
+from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests, years_of_runs
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
 from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
 from glbench.leaderboard.regret import PENALTY, BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
-from glbench.leaderboard.training_data import TrainingData, budget_of, contamination_warning, training_data_of, years_of_runs
+from glbench.leaderboard.training_data import TrainingData, budget_of, contamination_warning, training_data_of
 from glbench.leaderboard.violations import AtPrice, Turn, at_prices
 from glbench.quantities import MONEY
 from glbench.tasks import Round
