@@ -20,6 +20,7 @@ from glbench.evaluation.profiles import profile_path, read_profile
 from glbench.evaluation.records import AgentRecord
 from glbench.evaluation.saving import recorded_actions
 from glbench.leaderboard.catalogue import catalogue
+from glbench.leaderboard.fresh_draws import fresh_score
 from glbench.resources import data_folder, is_released
 from glbench.tasks import TaskSpec, list_tasks, published_task, read_lock
 from glbench.untrusted import real_path
@@ -311,6 +312,7 @@ def _problem_of_row(item: StoredResult) -> str | None:
     """Why no table can have a row of a result; ``None`` where it can."""
     try:
         years_of_runs(item)
+        fresh_score(item.result)
     except GlbenchError as error:
         return f"{item.path} cannot be ranked: {error}"
     return None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from glbench.cli.view import _episode
 from glbench.errors import EpisodeError
 from glbench.evaluation import evaluate, load_result
 from glbench.evaluation.profiles import profile_path
+from glbench.evaluation.records import FreshDraws
 from glbench.evaluation.saving import task_of_result
 from glbench.leaderboard import StoredResult, rank
 from glbench.leaderboard.collect import own_and_released_results, published_expectations
@@ -33,13 +35,13 @@ def nothing_released(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def forge(tmp_path: Path) -> Callable[[Change], Path]:
+def forge(tmp_path: Path) -> Callable[..., Path]:
     """Function that writes the result of a stranger called mallory, with one change, and returns its path."""
 
-    def write(change: Change) -> Path:
-        path = tmp_path / "results" / TASK / "mallory.json"
+    def write(change: Change, task: str = TASK) -> Path:
+        path = tmp_path / "results" / task / "mallory.json"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text((RELEASED / TASK / "do_nothing.json").read_text())
+        path.write_text((RELEASED / task / "do_nothing.json").read_text())
         stranger = {"name": "mallory", "kind": "submission", "digest": "a" * 64}
         rewrite(path, lambda document: (document["agent"].update(stranger), change(document)))
         return path
@@ -85,3 +87,42 @@ def test_a_split_that_the_task_does_not_have_is_named_with_its_file_by_other_com
     ((where, reason),) = complete_profiles([StoredResult(path, result)]).impossible
     assert where == path
     assert "no split 'validation'" in reason
+
+
+def with_references(values: Sequence[float], factor: float = 1.0) -> Change:
+    """A change that adds fresh draws beside a reference agent with these ``values``, and multiplies all metrics of the agent."""
+
+    def change(document: dict[str, Any]) -> None:
+        document["task"] |= {"split": "test"}
+        for run in document["runs"]:
+            run["metrics"] = {name: value * factor * (-1.0) ** run["seed"] for name, value in run["metrics"].items()}
+        reference = {"name": "rule_based", "digest": "c" * 64, "published": list(values), "fresh": [0.0] * len(values)}
+        fresh = {"salt": "b" * 64, "metric": "reward", "runs": document["runs"], "references": [reference], "digest": "0" * 64}
+        document["fresh_draws"] = fresh | {"record": {"file": "x.mcap", "digest": "d" * 64}}
+
+    return change
+
+
+RUNS = 100
+
+
+@pytest.mark.usefixtures("nothing_released")
+@pytest.mark.parametrize(
+    ("values", "factor", "words"),
+    [
+        ([1e80 * (-1) ** i for i in range(RUNS)], 1.0, "cannot be ranked: The result of mallory on glbench/Spring-v1 has numbers"),
+        ([1e-90 * i for i in range(RUNS)], 0.0, "cannot be ranked: The result of mallory on glbench/Spring-v1 has numbers"),
+        ([0.0] * RUNS, 1e95, "cannot be ranked: The result of mallory on glbench/Spring-v1 has numbers"),
+        ([1e300] * RUNS, 1.0, "a reference agent has a metric above 1e+100"),
+    ],
+)
+def test_numbers_that_no_test_of_a_drop_can_take_are_left_out_by_name(forge, tmp_path, values, factor, words):
+    path = forge(with_references(values, factor), "Spring-v1")
+    document = json.loads(path.read_text())
+    fresh = FreshDraws.model_validate_json(json.dumps(document["fresh_draws"]))
+    document["fresh_draws"]["digest"] = fresh.computed_digest(document["results_digest"])
+    path.write_text(json.dumps(document))
+    stored, (problem,) = own_and_released_results(tmp_path)
+    assert not stored
+    assert str(path) in str(problem)
+    assert words in str(problem)
