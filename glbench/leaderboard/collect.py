@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -69,18 +69,28 @@ class StoredResult:
 
     @cached_property
     def task(self) -> TaskSpec | None:
-        """The definition of its task: as published, else as stored beside the result; ``None`` where neither has it."""
+        """The definition of its task: as published, else as stored beside the result; ``None`` where neither has it with its digest."""
         locked = read_lock().get(self.result.task.id)
         if locked is not None and locked.digest == self.result.task.digest:
             return published_task(self.result.task.id)
         try:
             if profile_path(self.path).exists():
-                task = task_of(read_profile(profile_path(self.path)).text_of_task)
+                definition = read_profile(profile_path(self.path)).text_of_task
             else:
-                task = recorded_actions(self.result, self.path).task()
+                definition = recorded_actions(self.result, self.path).definition
+            return _defined_task(definition, self.result.task.id, self.result.task.digest, self.result.task.steps)
         except GlbenchError:
             return None
-        return task if task.id == self.result.task.id else None
+
+
+@lru_cache(maxsize=64)
+def _defined_task(definition: bytes, task_id: str, digest: str, steps: int) -> TaskSpec | None:
+    """The task that ``definition`` defines; ``None`` where it is another one. What tables need of it is resolved here."""
+    task = task_of(definition)
+    if (task.id, task.steps) != (task_id, steps) or task.digest != digest:
+        return None
+    catalogue(task)
+    return task
 
 
 def years_of_runs(item: StoredResult) -> tuple[int, ...]:

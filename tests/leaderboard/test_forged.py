@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from glbench.cli.view import _episode
 from glbench.errors import EpisodeError
 from glbench.evaluation import evaluate, load_result
-from glbench.evaluation.profiles import profile_path
+from glbench.evaluation.profiles import Profile, profile_path, read_profile
 from glbench.evaluation.records import FreshDraws
 from glbench.evaluation.saving import task_of_result
 from glbench.leaderboard import StoredResult, rank
@@ -21,7 +22,7 @@ from glbench.leaderboard.collect import own_and_released_results, published_expe
 from glbench.report.page import complete_profiles
 from tests.report.conftest import write_agent
 from tests.support import write_day_task
-from tests.verification.forging import rewrite
+from tests.verification.forging import rewrite, rewrite_record
 
 Change = Callable[[dict[str, Any]], Any]
 RELEASED = Path(__file__).resolve().parents[2] / "reports" / "released" / "results"
@@ -126,3 +127,39 @@ def test_numbers_that_no_test_of_a_drop_can_take_are_left_out_by_name(forge, tmp
     assert not stored
     assert str(path) in str(problem)
     assert words in str(problem)
+
+
+def define(path: Path, table: str, **changes: Any) -> None:
+    """Change a table of the definition in the profile of a result."""
+    profile = read_profile(profile_path(path))
+    task = profile.document["task"]
+    forged = Profile(dict(profile.document) | {"task": task | {table: task[table] | changes}})
+    profile_path(path).write_bytes(forged.to_bytes())
+
+
+@pytest.mark.usefixtures("nothing_released")
+@pytest.mark.parametrize("changes", [{"metric": "epi"}, {"first_seed": 5000}, {"runs": 2}])
+def test_a_forged_definition_of_a_users_task_decides_nothing(own, changes):
+    honest = rank(own_and_released_results(own.parents[1])[0], {})
+    for name in ("thrifty", "lavish"):
+        define(own / f"{name}.json", "evaluation", **changes)
+        (table,) = rank(own_and_released_results(own.parents[1])[0], {})
+        assert (table.metric, table.rows) == (honest[0].metric, honest[0].rows)
+
+
+@pytest.mark.usefixtures("nothing_released")
+@pytest.mark.parametrize(("table", "changes"), [("model", {"variant": "nobody's"}), ("model", {"parameters": "nobody's"})])
+def test_a_definition_that_cannot_be_resolved_is_none(own, table, changes):
+    define(own / "thrifty.json", table, **changes)
+    stored, problems = own_and_released_results(own.parents[1])
+    assert not problems
+    assert [item.task is None for item in sorted(stored, key=lambda one: one.result.agent.name)] == [False, True]
+    assert len(rank(stored, {})[0].rows) == 2
+
+
+def test_a_definition_in_the_record_needs_the_digest_of_the_result_too(own):
+    path = own / "thrifty.json"
+    profile_path(path).unlink()
+    assert StoredResult(path, load_result(path)).task is not None
+    rewrite_record(path, lambda log: replace(log, definition=log.definition.replace(b'"metric": "reward"', b'"metric": "epi"')))
+    assert StoredResult(path, load_result(path)).task is None
