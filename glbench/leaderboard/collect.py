@@ -220,7 +220,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             if problem is not None:
                 problems.append(ResultError(problem))
                 continue
-            is_trial = of_trials or (published is not None and published.seeds != result.evaluation.seeds)
+            is_trial = of_trials or (item.task is not None and tuple(item.task.evaluation.seeds) != result.evaluation.seeds)
             own.append(replace(item, trial=is_trial))
         single, doubles = _one_each(own, folder.parent)
         problems += doubles
@@ -282,16 +282,22 @@ def _one_each(stored: Iterable[StoredResult], out: Path | None = None) -> tuple[
     return results, problems
 
 
+def _weight(items: list[StoredResult]) -> tuple[int, int, str]:
+    """What the results of one version of a task weigh against those of another; ``created`` is a claim, so it comes last."""
+    return len(items), sum(item.reproduced for item in items), max((item.result.created for item in items), default="")
+
+
 def _one_version_each(stored: list[StoredResult]) -> tuple[tuple[StoredResult, ...], list[ResultError]]:
-    """Of each task the version with the most results, of equally many that of the latest; and an error for each result of another."""
+    """Of each task the version with the most results, and an error for each result of another.
+
+    Of equally many counts the version with more reproduced ones; failing that, that of the latest.
+    """
     by_digest: dict[tuple[str, str], list[StoredResult]] = {}
     for item in stored:
         by_digest.setdefault((item.result.task.id, item.result.task.digest), []).append(item)
     best: dict[str, list[StoredResult]] = {}
     for (task_id, _), items in by_digest.items():
-        best[task_id] = max(
-            best.get(task_id, []), items, key=lambda some: (len(some), max((item.result.created for item in some), default=""))
-        )
+        best[task_id] = max(best.get(task_id, []), items, key=_weight)
     current, problems = [], []
     for item in stored:
         task = item.result.task

@@ -194,8 +194,8 @@ def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) ->
     """Rank the entries of every task by the mean of the task's metric, highest first; those that cannot be told apart share a rank.
 
     Raises ``ResultError`` when results of different tasks stand under one id, or a task asks for a metric that cannot rank. ``expected``
-    has digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the metric that its
-    definition names, by the reward where no result has the definition, over the largest set of seeds among its results.
+    has digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the metric and over the
+    seeds that its definition names; where no result has the definition, by the reward over the largest set of seeds among its results.
     """
     items = tuple(stored)
     refuse_mixed_digests(items, expected)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from glbench.cli.view import _episode
-from glbench.errors import EpisodeError
+from glbench.errors import EpisodeError, ResultError
 from glbench.evaluation import evaluate, load_result
 from glbench.evaluation.profiles import Profile, profile_path, read_profile
 from glbench.evaluation.records import FreshDraws
@@ -22,7 +22,7 @@ from glbench.leaderboard.collect import own_and_released_results, published_expe
 from glbench.report.page import complete_profiles
 from tests.report.conftest import write_agent
 from tests.support import write_day_task
-from tests.verification.forging import rewrite, rewrite_record
+from tests.verification.forging import record_of, rewrite, rewrite_record
 
 Change = Callable[[dict[str, Any]], Any]
 RELEASED = Path(__file__).resolve().parents[2] / "reports" / "released" / "results"
@@ -163,3 +163,27 @@ def test_a_definition_in_the_record_needs_the_digest_of_the_result_too(own):
     assert StoredResult(path, load_result(path)).task is not None
     rewrite_record(path, lambda log: replace(log, definition=log.definition.replace(b'"metric": "reward"', b'"metric": "epi"')))
     assert StoredResult(path, load_result(path)).task is None
+
+
+@pytest.mark.usefixtures("nothing_released")
+@pytest.mark.parametrize("has_definition", [True, False])
+def test_seeds_that_a_stranger_chose_are_a_trial_on_a_users_task_too(days, own, has_definition):
+    shutil.copy(days / "thrifty.py", days / "chosen.py")
+    evaluate(write_day_task(days), days / "chosen.py", out=days, runs=3, first_seed=5000)
+    for file in (days / "trials" / "results" / "Day-v1").glob("chosen*"):
+        shutil.copy(file, own)
+    if not has_definition:
+        profile_path(own / "chosen.json").unlink()
+        record_of(own / "chosen.json").unlink()
+    (table,) = rank(own_and_released_results(own.parents[1])[0], {})
+    ranked = {row.agent: (row.rank is not None, row.origin) for row in table.rows}
+    assert ranked == {"thrifty": (True, "own"), "lavish": (True, "own"), "chosen": (False, "trial")}
+
+
+@pytest.mark.parametrize("first", ["honest", "forged"])
+def test_of_two_versions_with_equally_many_results_a_claimed_date_does_not_beat_a_reproduced_result(store, first):
+    honest = replace(store("honest", [1.0]), reproduced=True)
+    forged = store("forged", [1.0], task_digest="f" * 64, created="9999-01-01T00:00:00Z")
+    stored = [honest, forged] if first == "honest" else [forged, honest]
+    with pytest.raises(ResultError, match=r"forged\.json is of another version"):
+        rank(stored, {})
