@@ -294,6 +294,8 @@ class Result(Sparse):
         runs = len(self.runs)
         if any(len(values) != runs for one in fresh.references for values in (one.published, one.fresh)):
             refuse(f"fresh_draws: a reference agent does not have {runs} runs with both sets of draws")
+        if any(abs(value) > _LARGEST_METRIC for one in fresh.references for value in one.published + one.fresh):
+            refuse(f"fresh_draws: a reference agent has a metric above {_LARGEST_METRIC:g}")
         if fresh.metric not in self.units:
             refuse(f"fresh_draws: the runs do not have the metric '{fresh.metric}'")
         if fresh.digest != fresh.computed_digest(self.results_digest):

@@ -33,7 +33,7 @@ from glbench.episodes import (
     replayed_episodes,
     write_episode,
 )
-from glbench.errors import EpisodeError, GlbenchError, ResultError, refuse
+from glbench.errors import EpisodeError, GlbenchError, ResultError, TaskError, refuse
 from glbench.evaluation.checkpoint import discard
 from glbench.evaluation.files import SavingError, ensure_writable, load_result, result_path, save_result, short_task_id
 from glbench.evaluation.profiles import profile_path, profiled
@@ -220,9 +220,8 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
     round cannot be simulated again. Raises ``EpisodeError`` when the result is of another version of the task, or its actions cannot be
     used.
     """
-    task = (get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()).scored_in(
-        result.task.split
-    )
+    task = get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()
+    task = in_its_split(task, result, path)
     if task.digest != result.task.digest:
         msg = (
             f"{path} is of another version of {task.id} (digest {result.task.digest[:12]}..., here {task.digest[:12]}...): "
@@ -230,6 +229,14 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
         )
         raise EpisodeError(msg)
     return task if sealed is None else task.in_split("test", sealed.secret)
+
+
+def in_its_split(task: TaskSpec, result: Result, path: Path) -> TaskSpec:
+    """``task`` in the split that ``result``, at ``path``, names. Raises ``EpisodeError`` when there is none."""
+    try:
+        return task.scored_in(result.task.split)
+    except TaskError as error:
+        refuse(f"{path} cannot be simulated again: {error}", EpisodeError, error)
 
 
 def recorded_actions(result: Result, path: Path) -> ActionLog:

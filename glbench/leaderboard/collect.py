@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Literal
 
 from glbench.agents.baselines import digests_of_baseline, shipped_sight
 from glbench.agents.identity import baseline_names
 from glbench.agents.naming import skeleton, skeletons
+from glbench.env import run_years
 from glbench.episodes.header import task_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
@@ -18,7 +19,8 @@ from glbench.evaluation.evaluation import TRIALS, VALIDATION
 from glbench.evaluation.profiles import profile_path, read_profile
 from glbench.evaluation.records import AgentRecord
 from glbench.evaluation.saving import recorded_actions
-from glbench.leaderboard.catalogue import catalogue_of
+from glbench.leaderboard.catalogue import catalogue, catalogue_of
+from glbench.leaderboard.fresh_draws import fresh_score
 from glbench.resources import data_folder, is_released
 from glbench.tasks import TaskSpec, list_tasks, published_task, read_lock
 from glbench.untrusted import real_path
@@ -67,18 +69,39 @@ class StoredResult:
 
     @cached_property
     def task(self) -> TaskSpec | None:
-        """The definition of its task: as published, else as stored beside the result; ``None`` where neither has it."""
+        """The definition of its task: as published, else as stored beside the result; ``None`` where neither has it with its digest."""
         locked = read_lock().get(self.result.task.id)
         if locked is not None and locked.digest == self.result.task.digest:
             return published_task(self.result.task.id)
         try:
             if profile_path(self.path).exists():
-                task = task_of(read_profile(profile_path(self.path)).text_of_task)
+                definition = read_profile(profile_path(self.path)).text_of_task
             else:
-                task = recorded_actions(self.result, self.path).task()
+                definition = recorded_actions(self.result, self.path).definition
+            return _defined_task(definition, self.result.task.id, self.result.task.digest, self.result.task.steps)
         except GlbenchError:
             return None
-        return task if task.id == self.result.task.id else None
+
+
+@lru_cache(maxsize=64)
+def _defined_task(definition: bytes, task_id: str, digest: str, steps: int) -> TaskSpec | None:
+    """The task that ``definition`` defines; ``None`` where it is another one. What tables need of it is resolved here."""
+    task = task_of(definition)
+    if (task.id, task.steps) != (task_id, steps) or task.digest != digest:
+        return None
+    catalogue(task)
+    return task
+
+
+def years_of_runs(item: StoredResult) -> tuple[int, ...]:
+    """Weather year of each run; empty if all are of one year, or the task's definition or its secret salt is not known.
+
+    Raises ``TaskError`` when the task has no such split, or the weather record lacks its years.
+    """
+    evaluated, task = item.result.task, item.task
+    if task is None or evaluated.salt_commitment != task.salt_commitment:
+        return ()
+    return run_years(task.scored_in(evaluated.split), item.result.evaluation.seeds)
 
 
 def task_of_board(board: str) -> str:
@@ -168,8 +191,8 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
 
     A released result always keeps its place. The user's own evaluation of a built-in agent takes a place that is free, is not needed where
     it has the bits of the released one, and is left out where it differs. Whatever bears the name of a released agent and is another one is
-    left out. In the folder of a sealed round, where all results are of one, only these are returned. Raises ``ResultError`` when the
-    released results hold two of one agent and task.
+    left out, and so is a file that cannot be ranked. In the folder of a sealed round, where all results are of one, only these are
+    returned. Raises ``ResultError`` when the released results hold two of one agent and task.
 
     Returns at most one result an agent and task, sorted by task id and agent name; and an error for every file that is left out.
     """
@@ -191,12 +214,13 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             problem = (
                 _name_problem(item, agents, by_skeleton)
                 or _problem_of_task(item, published)
+                or _problem_of_row(item)
                 or _problem_beside(item, results.get((item.board, result.agent.name)))
             )
             if problem is not None:
                 problems.append(ResultError(problem))
                 continue
-            is_trial = of_trials or (published is not None and published.seeds != result.evaluation.seeds)
+            is_trial = of_trials or (item.task is not None and tuple(item.task.evaluation.seeds) != result.evaluation.seeds)
             own.append(replace(item, trial=is_trial))
         single, doubles = _one_each(own, folder.parent)
         problems += doubles
@@ -258,16 +282,22 @@ def _one_each(stored: Iterable[StoredResult], out: Path | None = None) -> tuple[
     return results, problems
 
 
+def _weight(items: list[StoredResult]) -> tuple[int, int, str]:
+    """What the results of one version of a task weigh against those of another; ``created`` is a claim, so it comes last."""
+    return len(items), sum(item.reproduced for item in items), max((item.result.created for item in items), default="")
+
+
 def _one_version_each(stored: list[StoredResult]) -> tuple[tuple[StoredResult, ...], list[ResultError]]:
-    """Of each task the version with the most results, of equally many that of the latest; and an error for each result of another."""
+    """Of each task the version with the most results, and an error for each result of another.
+
+    Of equally many counts the version with more reproduced ones; failing that, that of the latest.
+    """
     by_digest: dict[tuple[str, str], list[StoredResult]] = {}
     for item in stored:
         by_digest.setdefault((item.result.task.id, item.result.task.digest), []).append(item)
     best: dict[str, list[StoredResult]] = {}
     for (task_id, _), items in by_digest.items():
-        best[task_id] = max(
-            best.get(task_id, []), items, key=lambda some: (len(some), max((item.result.created for item in some), default=""))
-        )
+        best[task_id] = max(best.get(task_id, []), items, key=_weight)
     current, problems = [], []
     for item in stored:
         task = item.result.task
@@ -292,6 +322,16 @@ def _problem_of_task(item: StoredResult, published: Expectation | None) -> str |
         f"{item.path} is not of '{task.id}' as it is published (digest {task.digest[:12]}..., published {published.digest[:12]}...): it "
         "was made with another definition, other weather or another version of the model. Evaluate the agent again with `glbench evaluate`."
     )
+
+
+def _problem_of_row(item: StoredResult) -> str | None:
+    """Why no table can have a row of a result; ``None`` where it can."""
+    try:
+        years_of_runs(item)
+        fresh_score(item.result)
+    except GlbenchError as error:
+        return f"{item.path} cannot be ranked: {error}"
+    return None
 
 
 def same_runs(own: Result, released: Result) -> bool:

@@ -89,8 +89,8 @@ class Entry:
 def entries_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, tuple[Entry, ...]]:
     """Entries of every board, by its name: the task's id, or more where draws are kept apart. Within a board their names differ.
 
-    ``expected`` is what published tasks ask for, by id. One that is not in it (a user's own) asks for the largest set of seeds of its
-    results.
+    ``expected`` is what published tasks ask for, by id. One that is not in it (a user's own) asks for the seeds of its definition;
+    where no result has that, for the largest set of seeds of its results.
     """
     by_task: dict[str, list[StoredResult]] = {}
     for item in stored:
@@ -196,6 +196,9 @@ def expected_seeds(task_id: str, items: Iterable[StoredResult], expected: Mappin
     if task_id in expected:
         return expected[task_id].seeds
     results = list(items)
+    task = next((item.task for item in results if item.task is not None), None)
+    if task is not None:
+        return tuple(task.evaluation.seeds)
     full = [item for item in results if not item.trial]
     return max((item.result.evaluation.seeds for item in full or results), key=lambda seeds: (len(seeds), seeds))
 

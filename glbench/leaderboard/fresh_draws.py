@@ -14,7 +14,9 @@ from typing import Final
 import numpy as np
 from pydantic import Field
 
+from glbench.errors import ResultError, refuse
 from glbench.evaluation import Result
+from glbench.evaluation.records import FreshDraws
 from glbench.leaderboard.catalogue import Metric
 from glbench.leaderboard.statistics import Array, FrozenModel
 
@@ -40,10 +42,18 @@ class FreshScore(FrozenModel):
 
 
 def fresh_score(result: Result) -> FreshScore | None:
-    """Score with fresh draws; ``None`` if the result has none."""
-    fresh = result.fresh_draws
-    if fresh is None:
+    """Score with fresh draws; ``None`` if the result has none. Raises ``ResultError`` when its numbers are too large or too small."""
+    if result.fresh_draws is None:
         return None
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            return _score(result, result.fresh_draws)
+    except ArithmeticError as error:
+        reason = "has numbers among its fresh draws and reference agents that are too large or too small for the test of a drop"
+        refuse(f"The result of {result.agent.name} on {result.task.id} {reason} ({error}).", ResultError, error)
+
+
+def _score(result: Result, fresh: FreshDraws) -> FreshScore:
     published = np.array(result.values(fresh.metric))
     again = np.array([run.metrics[fresh.metric] for run in fresh.runs])
     references = [(np.array(one.published), np.array(one.fresh)) for one in fresh.references]

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from glbench.errors import ResultError, refuse
 from glbench.evaluation.records import RunResult
 from glbench.leaderboard.catalogue import Catalogue, catalogue_of
+from glbench.leaderboard.collect import years_of_runs
 from glbench.leaderboard.entries import Entry, metric_of, resolution_of
 from glbench.leaderboard.regret import METRICS, PARTS, best_known_of, regrets_of
 from glbench.leaderboard.statistics import SIGNIFICANCE, Array, Interval, estimate_difference, paired_test, probability_of_improvement
-from glbench.leaderboard.training_data import years_of_runs
 
 
 @dataclass(frozen=True)

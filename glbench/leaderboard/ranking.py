@@ -13,11 +13,11 @@ from pydantic import Field, computed_field
 from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard import statistics
 from glbench.leaderboard.catalogue import Catalogue, catalogue_of
-from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
+from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests, years_of_runs
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
 from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
 from glbench.leaderboard.regret import PENALTY, BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
-from glbench.leaderboard.training_data import TrainingData, budget_of, contamination_warning, training_data_of, years_of_runs
+from glbench.leaderboard.training_data import TrainingData, budget_of, contamination_warning, training_data_of
 from glbench.leaderboard.violations import AtPrice, Turn, at_prices
 from glbench.quantities import MONEY
 from glbench.tasks import Round
@@ -194,8 +194,8 @@ def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) ->
     """Rank the entries of every task by the mean of the task's metric, highest first; those that cannot be told apart share a rank.
 
     Raises ``ResultError`` when results of different tasks stand under one id, or a task asks for a metric that cannot rank. ``expected``
-    has digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the metric that its
-    definition names, by the reward where no result has the definition, over the largest set of seeds among its results.
+    has digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the metric and over the
+    seeds that its definition names; where no result has the definition, by the reward over the largest set of seeds among its results.
     """
     items = tuple(stored)
     refuse_mixed_digests(items, expected)

@@ -21,9 +21,7 @@ from glbench.agents.baselines import digests_of_baseline, read_baseline
 from glbench.agents.card import Split, Year
 from glbench.agents.plans import Recording
 from glbench.agents.tuned_rules import RulePages, TunedRuleSettings
-from glbench.env import run_years
 from glbench.evaluation import Result
-from glbench.leaderboard.collect import StoredResult
 from glbench.leaderboard.statistics import FrozenModel
 from glbench.resources import data_folder, left_out
 from glbench.tasks import TaskSpec, list_tasks, published_task
@@ -137,14 +135,6 @@ def training_data_of(result: Result) -> TrainingData:
         return TrainingData(tasks=training.tasks, split=training.split, years=training.years, seeds=training.seeds)
     budget = budget_of(result)
     return TrainingData(split="none") if budget.steps == 0 else TrainingData(tasks=budget.tasks, split=budget.split, years=budget.years)
-
-
-def years_of_runs(item: StoredResult) -> tuple[int, ...]:
-    """Weather year of each run; empty if all are of one year, or the task's definition or its secret salt is not known."""
-    evaluated, task = item.result.task, item.task
-    if task is None or evaluated.salt_commitment != task.salt_commitment:
-        return ()
-    return run_years(task.scored_in(evaluated.split), item.result.evaluation.seeds)
 
 
 def contamination_warning(result: Result, data: TrainingData) -> str:
