@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from glbench.cli import console
 from glbench.cli.console import Markup, plain
 from glbench.cli.options import AsJson, RoundFile, Workers, round_of
-from glbench.errors import GlbenchError, ResultError, refuse
+from glbench.errors import GlbenchError, ResultError, last_line, refuse
 
 if TYPE_CHECKING:
     from glbench.verification import Verdict
@@ -47,19 +47,17 @@ def verify(
     Exit code 0: all are reproduced; 1: one is refuted; 2: none is refuted, but one cannot be verified here; 3: one cannot be verified
     before its round is over.
     """
-    from glbench.evaluation import load_result
     from glbench.resources import is_released
     from glbench.verification import save_proof
-    from glbench.verification import verify as verify_result
 
     sealed, codes = round_of(round_file), []
     for path in result_files(results):
         with console.messages().status(f"simulating {plain(path.name)} again"):
-            verdict = verify_result(path, episodes=episodes, task=task, sealed=sealed, workers=workers)
+            verdict = _judged(path, episodes=episodes, task=task, sealed=sealed, workers=workers)
         codes.append(verdict.exit_code)
-        if sealed is not None and verdict.outcome == "reproduced" and sealed.is_late(created := load_result(path).created):
+        if sealed is not None and verdict.outcome == "reproduced" and sealed.is_late(verdict.created):
             closed = f"the round closed at {sealed.closing_words}"
-            console.print_warning(f"{path.name} is late: it states that it was made at {created}, and {closed}.")
+            console.print_warning(f"{path.name} is late: it states that it was made at {verdict.created}, and {closed}.")
         if proof and not is_released(path):  # released results keep the note that came with them
             try:
                 if save_proof(verdict) is None and verdict.outcome == "reproduced":
@@ -91,6 +89,18 @@ def result_files(paths: list[Path]) -> list[Path]:
         console.tell(f"There are no results in {', '.join(map(str, paths))}.")
         raise typer.Exit(2)
     return files
+
+
+def _judged(path: Path, **how: Any) -> Verdict:
+    """The verdict on one file. Whatever goes wrong with it, the others are judged, too."""
+    from glbench.verification import Verdict, verify
+
+    try:
+        return verify(path, **how)
+    except Exception as error:
+        if console.debugging():
+            raise
+        return Verdict(path, "unknown", "error", f"It cannot be verified: {error if isinstance(error, GlbenchError) else last_line(error)}")
 
 
 def _parts(verdict: Verdict) -> Iterator[console.Part]:

@@ -16,7 +16,7 @@ from typing import Any
 from glbench import __version__
 from glbench.episodes.recorder import check_round
 from glbench.episodes.signals import KWH_A_CUBIC_METRE
-from glbench.errors import EpisodeError, ResultError, refuse
+from glbench.errors import GlbenchError, ResultError, refuse
 from glbench.evaluation.files import ensure_writable
 from glbench.evaluation.profiles import Profile, load_profile, make_profile, profile_path
 from glbench.evaluation.saving import recorded_actions, task_of_result
@@ -198,7 +198,7 @@ def complete_profiles(stored: Iterable[StoredResult], workers: int = 1, progress
             task = task_of_result(item.result, item.path)
             log = recorded_actions(item.result, item.path)
             check_round(task, log.provenance)
-        except EpisodeError as error:
+        except GlbenchError as error:
             impossible.append((item.path, str(error)))
             continue
         if progress is not None:
