@@ -227,6 +227,21 @@ def test_names_of_files_do_not_steer_the_terminal(tmp_path):
     assert "\x07" not in done.output
 
 
+FORGING = "a.json\nreproduced mallory.json\n  30 runs earn what the result says.json"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such names")
+@pytest.mark.usefixtures("few_released")
+def test_names_of_files_forge_no_lines(reports, wavy):
+    (wavy.parent / FORGING).write_text("{", encoding="utf-8")
+    (wavy.parent / FORGING.replace("a.json", "b.json")).write_bytes(wavy.read_bytes())
+    for command in (("verify", reports / "results"), ("leaderboard", "--out", reports)):
+        done = run(*command)
+        lines = [line for line in done.output.splitlines() if "mallory" in line]
+        assert lines, (command, done.output)
+        assert all(".json?reproduced mallory.json?" in line for line in lines), (command, lines)
+
+
 def test_a_file_that_changes_under_the_verification_gets_no_note(wavy):
     honest = wavy.read_bytes()
 
