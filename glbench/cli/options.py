@@ -17,6 +17,7 @@ import typer
 from glbench.cli.console import print_warning
 from glbench.errors import GlbenchError, ResultError, TrainingError, did_you_mean, refuse
 from glbench.extras import require
+from glbench.untrusted import visible
 
 if TYPE_CHECKING:
     from glbench.leaderboard import StoredResult, TaskTable
@@ -219,5 +220,5 @@ def warn_of(problems: Sequence[ResultError]) -> None:
     """List the result files that are left out, with reasons."""
     if problems:
         one = len(problems) == 1
-        lines = "\n".join(f"  {problem}" for problem in problems)
+        lines = "\n".join(f"  {visible(str(problem))}" for problem in problems)
         print_warning(f"{len(problems)} result file{' is' if one else 's are'} left out:\n{lines}")

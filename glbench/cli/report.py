@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli import console
+from glbench.cli.console import plain
 from glbench.cli.console import show as show_view
 from glbench.cli.options import REPORTS, AsJson, OneTask, Out, Workers, is_file, result_file, warn_of
 from glbench.errors import ResultError, refuse
 from glbench.extras import require
 from glbench.resources import data_package, how_to_get_data, is_released, write_atomically
+from glbench.untrusted import visible
 
 if TYPE_CHECKING:
     from glbench.evaluation import Result
@@ -82,19 +84,19 @@ def _complete(out: Path, workers: int) -> None:
     with console.messages().status("looking for missing profiles") as status:
         folders = [out / "results", *(out / place / "results" for place in (TRIALS, VALIDATION))]
         stored = [item for folder in folders for item in collect_results([folder])]  # in one call, the full result would hide its trial
-        completion = complete_profiles(stored, workers, lambda path: status.update(f"replaying {path}"))
+        completion = complete_profiles(stored, workers, lambda path: status.update(f"replaying {plain(visible(str(path)))}"))
     for path in completion.profiles:
-        console.tell(f"Made: {path}")
+        console.tell(f"Made: {visible(str(path))}")
     if completion.impossible:
         console.print_warning(
             f"{len(completion.impossible)} results stay without days and seasons, among them "
-            f"{_names([path for path, _ in completion.impossible])}. {completion.impossible[0][1]} Evaluate them again with "
+            f"{_names([path for path, _ in completion.impossible])}. {visible(completion.impossible[0][1])} Evaluate them again with "
             "`glbench evaluate ... --fresh`, which makes profiles by itself."
         )
 
 
 def _names(paths: Sequence[Path]) -> str:
-    names = [f"{path.parent.name}/{path.name.removesuffix('.json')}" for path in paths]
+    names = [visible(f"{path.parent.name}/{path.name.removesuffix('.json')}") for path in paths]
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return ", ".join(names[:_MOST_NAMES]) + more
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from glbench.cli import console
 from glbench.cli.console import Markup, plain
 from glbench.cli.options import AsJson, RoundFile, Workers, round_of
-from glbench.errors import GlbenchError, ResultError, refuse
+from glbench.errors import GlbenchError, ResultError, last_line, refuse
+from glbench.untrusted import visible
 
 if TYPE_CHECKING:
     from glbench.verification import Verdict
@@ -47,25 +48,24 @@ def verify(
     Exit code 0: all are reproduced; 1: one is refuted; 2: none is refuted, but one cannot be verified here; 3: one cannot be verified
     before its round is over.
     """
-    from glbench.evaluation import load_result
     from glbench.resources import is_released
     from glbench.verification import save_proof
-    from glbench.verification import verify as verify_result
 
     sealed, codes = round_of(round_file), []
     for path in result_files(results):
-        with console.messages().status(f"simulating {plain(path.name)} again"):
-            verdict = verify_result(path, episodes=episodes, task=task, sealed=sealed, workers=workers)
+        name = visible(path.name)  # on one line: a line break in a name could forge a verdict
+        with console.messages().status(f"simulating {plain(name)} again"):
+            verdict = _judged(path, episodes=episodes, task=task, sealed=sealed, workers=workers)
         codes.append(verdict.exit_code)
-        if sealed is not None and verdict.outcome == "reproduced" and sealed.is_late(created := load_result(path).created):
+        if sealed is not None and verdict.outcome == "reproduced" and sealed.is_late(verdict.created):
             closed = f"the round closed at {sealed.closing_words}"
-            console.print_warning(f"{path.name} is late: it states that it was made at {created}, and {closed}.")
+            console.print_warning(f"{name} is late: it states that it was made at {visible(verdict.created)}, and {closed}.")
         if proof and not is_released(path):  # released results keep the note that came with them
             try:
                 if save_proof(verdict) is None and verdict.outcome == "reproduced":
-                    console.print_warning(f"{path.name} changed while it was verified, so no note of it was stored. Verify it again.")
+                    console.print_warning(f"{name} changed while it was verified, so no note of it was stored. Verify it again.")
             except GlbenchError as error:
-                console.print_warning(f"The verdict stands, but no note of it was stored. {error}")
+                console.print_warning(f"The verdict stands, but no note of it was stored. {visible(str(error))}")
         console.show(console.View(_parts(verdict), _document(verdict), indent=None), as_json=as_json)
     raise typer.Exit(next(code for code in _WORST_FIRST if code in codes))
 
@@ -88,9 +88,21 @@ def result_files(paths: list[Path]) -> list[Path]:
         if not (path.is_dir() and file.name.endswith(SUFFIX))
     ]
     if not files:
-        console.tell(f"There are no results in {', '.join(map(str, paths))}.")
+        console.tell(f"There are no results in {visible(', '.join(map(str, paths)))}.")
         raise typer.Exit(2)
     return files
+
+
+def _judged(path: Path, **how: Any) -> Verdict:
+    """The verdict on one file. Whatever goes wrong with it, the others are judged, too."""
+    from glbench.verification import Verdict, verify
+
+    try:
+        return verify(path, **how)
+    except Exception as error:
+        if console.debugging():
+            raise
+        return Verdict(path, "unknown", "error", f"It cannot be verified: {error if isinstance(error, GlbenchError) else last_line(error)}")
 
 
 def _parts(verdict: Verdict) -> Iterator[console.Part]:
@@ -99,8 +111,8 @@ def _parts(verdict: Verdict) -> Iterator[console.Part]:
     heading = _HEADINGS[verdict.outcome]
     if verdict.exactness == "tolerance":
         heading = "[bold yellow]reproduced within 1e-9[/]"
-    yield console.Line(Markup(f"{heading} {plain(verdict.path)}"))
-    yield console.paragraph(f"  {verdict.reason}")
+    yield console.Line(Markup(f"{heading} {plain(visible(str(verdict.path)))}"))
+    yield console.paragraph(f"  {visible(verdict.reason)}")
     if verdict.outcome == "reproduced":
         seeds = ", ".join(map(str, verdict.episodes[:8])) + (" ..." if len(verdict.episodes) > 8 else "")
         whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
@@ -113,7 +125,7 @@ def _parts(verdict: Verdict) -> Iterator[console.Part]:
         )
         yield console.paragraph(f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.")
     for note in verdict.notes:
-        yield console.paragraph(f"  Note: {note}")
+        yield console.paragraph(f"  Note: {visible(note)}")
 
 
 def _document(verdict: Verdict) -> dict[str, object]:

@@ -26,7 +26,7 @@ from pydantic import FailFast, Field, ValidationError
 from glbench.episodes.episode import PROVENANCE, TASK
 from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical, task_of
 from glbench.episodes.mcap_file import FRAME, McapWriter, Scan, scan
-from glbench.errors import EpisodeError, refuse
+from glbench.errors import EpisodeError, TaskError, refuse
 from glbench.tasks import TaskSpec
 from glbench.untrusted import refuse_crowd, visible
 
@@ -135,7 +135,7 @@ def is_action_log(path: Path | str) -> bool:
 
 
 def read_log(path: Path | str) -> ActionLog:
-    """Read the actions of an evaluation. Raises ``EpisodeError`` when the file is missing, cut, damaged, or of another kind."""
+    """Read the actions of an evaluation. Raises ``EpisodeError`` if it is missing, cut, damaged, of another kind or model."""
     path = Path(path)
     content = scan(path)
     words = content.metadata.get(_TITLE)
@@ -150,6 +150,8 @@ def read_log(path: Path | str) -> ActionLog:
         provenance = Provenance.model_validate_json(content.attachments[PROVENANCE])
         runs = RunTable.model_validate_json(content.attachments[_RUNS]).runs
         return _log(content, provenance, runs, words["actions_as"])
+    except TaskError as error:
+        refuse(f"{path} is of a task that cannot be made here. {visible(str(error))}", EpisodeError, error)
     except (KeyError, ValueError, IndexError, OverflowError, struct.error, DecodeError, ValidationError) as error:
         refuse(f"{path} is not a whole file of recorded actions ({visible(' '.join(str(error).split())[:200])}).", EpisodeError, error)
 

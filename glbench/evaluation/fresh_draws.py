@@ -71,10 +71,16 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     result = evaluation.stored
     if result is None or evaluation.out is None:
         refuse(f"'{job.agent_name}' has no result on {job.task.id} to which fresh draws can be added. Evaluate it first.", ResultError)
-    if result.fresh_draws is not None:
-        return result
     place = job.options.out.expanduser().resolve() / FOLDER
     file = place / job.task.short_id / f"{job.agent_name}.toml"
+    target = fresh_actions_path(result_path(evaluation.out, job.task.id, job.agent_name))
+    if result.fresh_draws is not None:  # a kill may have left the evaluation
+        file.unlink(missing_ok=True)
+        _remove_runs(place, job.task.in_split("test", Round(result.fresh_draws.salt).secret))
+        return result
+    if target.exists():  # of an earlier result, which may have published the salt
+        file.unlink(missing_ok=True)
+        target.unlink()
     keep_out_of_sight(file, [job.agent])
     if not file.exists():
         write_round(Round.new(), file)
@@ -86,7 +92,6 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     actions = again.prepare().path
     if actions is None or fresh.record is None:
         refuse(f"The evaluation of '{job.agent_name}' with fresh draws has no recorded actions, so it cannot be verified.", ResultError)
-    target = fresh_actions_path(result_path(evaluation.out, task.id, job.agent_name))
     fresh_draws = FreshDraws(
         salt=salt.salt,
         metric=task.evaluation.metric,
@@ -99,10 +104,14 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     updated = Result(**{name: getattr(result, name) for name in Result.model_fields} | {"fresh_draws": fresh_draws})
     with result_lock(evaluation.out, task.id, job.agent_name):
         write_atomically(target, actions_path(actions).read_bytes())
+        file.unlink(missing_ok=True)  # before its salt is public: no later evaluation can use it
         save_result(updated, evaluation.out)
-    shutil.rmtree(results_folder(place, task), ignore_errors=True)
-    file.unlink(missing_ok=True)
+    _remove_runs(place, task)
     return updated
+
+
+def _remove_runs(place: Path, task: TaskSpec) -> None:
+    shutil.rmtree(results_folder(place, task), ignore_errors=True)
 
 
 def fresh_actions_path(result: Path) -> Path:

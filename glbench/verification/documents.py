@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from glbench.episodes import ActionLog, Episode, read_episode, read_log
 from glbench.episodes.header import PARTS, task_of
-from glbench.errors import EpisodeError, GlbenchError, ResultError
+from glbench.errors import EpisodeError, GlbenchError, ResultError, TaskError
 from glbench.evaluation import Result
 from glbench.evaluation.files import load_with_bytes
 from glbench.evaluation.metrics import with_missing_steps
@@ -56,6 +56,8 @@ def read_record(path: Path, result: Result) -> ActionLog:
     try:
         log = read_log(file)
     except EpisodeError as error:
+        if isinstance(error.__cause__, TaskError) and result.task.id not in task_ids():  # its model may be registered elsewhere
+            cannot_tell("no_task", str(error))
         refute("damaged_record", f"The recorded actions cannot be used. {error}")
     _same_evaluation(result, log)
     _same_runs(result, log)

@@ -102,6 +102,8 @@ class Verdict:
     stated: tuple[str, ...] = ()
     sha256: str = ""
     """SHA-256 of the file that was verified; empty unless it was reproduced."""
+    created: str = ""
+    """When it states that it was made; empty unless it was reproduced."""
 
     @property
     def exit_code(self) -> int:

@@ -80,6 +80,7 @@ def verify(
         reproduced,
         claims,
         proof.sha256_of(path, content),
+        result.created,
     )
 
 

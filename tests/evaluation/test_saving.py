@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from glbench.episodes import read_log
+from glbench.episodes import log_bytes, read_log
+from glbench.episodes.header import definition_json
 from glbench.errors import EpisodeError, GlbenchError
 from glbench.evaluation import evaluate, load_result, prepare, saving
 from glbench.tasks import TaskSpec
 from glbench.verification import verify
 from tests.evaluation.agent_files import GOOD, AgentWriter
+from tests.support import lettuce_task
 
 PLACE = Path("results") / "Day-v1"
 OTHER = GOOD.replace("50.0", "40.0")
@@ -65,6 +68,18 @@ def test_a_kill_while_saving_is_mended_by_the_next_evaluation(
     result = evaluate(day_task, agent, out=tmp_path)
     assert result.record is not None
     assert read_log(tmp_path / PLACE / result.record.file).digest == result.record.digest
+
+
+def test_a_waiting_record_of_an_unknown_model_is_removed(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
+    agent = write_agent()
+    evaluate(day_task, agent, out=tmp_path)
+    (record,) = (tmp_path / PLACE).glob("*.actions.mcap")
+    log = read_log(record)
+    waiting = record.with_name(f".{record.name}.waiting")
+    of_no_model = definition_json(lettuce_task()).replace(b"greenlight-lettuce", b"moonlight")
+    waiting.write_bytes(log_bytes(replace(log, definition=of_no_model)))
+    assert prepare(day_task, agent, out=tmp_path).stored is not None
+    assert not waiting.exists()
 
 
 def test_leftovers_of_killed_processes_are_removed(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:

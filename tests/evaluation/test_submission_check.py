@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import time
 from pathlib import Path
 
 import pytest
 
+from glbench.agents.identity import read_identity
 from glbench.agents.loading import new_submission
 from glbench.errors import SubmissionError
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.sandbox import bubblewrap
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
-from glbench.evaluation.submitting import CHECKS, Report, check, check_submission
+from glbench.evaluation.submitting import CHECKS, Report, check, check_submission, findings
 from glbench.evaluation.submitting.check import _no_answer
 
 pytestmark = pytest.mark.slow
@@ -160,6 +162,23 @@ def test_findings_of_all_files_come_together(tmp_path: Path, day_task_file: Path
     texts = [finding.text for finding in report.of("packages")]
     assert any("helper.py:1 imports 'no_such_library', which is not installed here" in text for text in texts)
     assert any("'another_one'" in text and "within try" in text for text in texts)
+
+
+def test_sources_are_parsed_once_and_walked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However deeply ``try`` is nested, and however many files there are."""
+    new_submission(tmp_path / "mine", "rule")
+    nested = "".join(f"{' ' * depth}try:\n" for depth in range(90)) + f"{' ' * 90}import another_one\n"
+    nested += "".join(f"{' ' * depth}except E: pass\n" for depth in reversed(range(90)))
+    (tmp_path / "mine" / "helper.py").write_text(nested + "import no_such_library\n")
+    walked: list[object] = []
+    of = ast.iter_child_nodes
+    monkeypatch.setattr(ast, "iter_child_nodes", lambda node: walked.append(node) or of(node))
+    imports = findings.imports_of(read_identity(tmp_path / "mine"))
+    places = [id(node) for node in walked if hasattr(node, "lineno")]  # Python shares those without a line
+    assert len(places) == len(set(places))
+    assert {(name, guarded) for _, name, _, guarded in imports} >= {("another_one", True), ("no_such_library", False)}
+    monkeypatch.setattr(findings, "_ALL_SOURCES", 0)
+    assert findings.imports_of(read_identity(tmp_path / "mine")) == []
 
 
 def test_without_a_card_the_report_says_what_is_lost_and_is_good_nevertheless(tmp_path: Path, day_task_file: Path) -> None:

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, TaskError
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.leaderboard import Expectation, StoredResult, collect_results, rank
@@ -182,6 +182,16 @@ def test_a_result_without_recorded_actions_is_named_with_the_reason(made):
     done = complete_profiles(released)
     assert done.profiles == ()
     assert [path for path, _ in done.impossible] == [item.path for item in released]
+
+
+def test_a_result_whose_task_cannot_be_made_is_named_with_the_reason(made, monkeypatch):
+    def failing(*_arguments):
+        raise TaskError("There is no such model.")
+
+    monkeypatch.setattr("glbench.report.page.load_profile", lambda *_arguments: None)
+    monkeypatch.setattr("glbench.report.page.task_of_result", failing)
+    done = complete_profiles(made.stored)
+    assert {words for _, words in done.impossible} == {"There is no such model."}
 
 
 @pytest.mark.parametrize("package", ["jinja2", "plotly"])

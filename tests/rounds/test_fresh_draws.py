@@ -18,7 +18,9 @@ from glbench.agents import identify, load_agent
 from glbench.agents.plans import PlanBook
 from glbench.control import Scenario, plan_season
 from glbench.errors import ResultError, SandboxError, TaskError
-from glbench.evaluation import Result, load_result, prepare, protect, result_path
+from glbench.evaluation import Result, fresh_draws, load_result, prepare, protect, result_path
+from glbench.evaluation.evaluation import results_folder
+from glbench.evaluation.files import save_result
 from glbench.evaluation.fresh_draws import FOLDER, REFERENCES, add_fresh_draws, check_fresh_draws, fresh_actions_path
 from glbench.evaluation.jobs import Job, Options
 from glbench.evaluation.records import RunResult, summarise
@@ -31,6 +33,7 @@ from glbench.leaderboard.fresh_draws import ERROR, FEWEST, drop_beside, fresh_sc
 from glbench.leaderboard.tables import DROP_MARK, FRESH_NOTE, to_json, to_latex
 from glbench.report import build_report
 from glbench.tasks import Round, TaskSpec, get_task, read_round, task_card
+from glbench.tasks.sealed import write_round
 from glbench.verification import verify, was_reproduced
 from tests.cli.command_line import Command
 from tests.evaluation.agent_files import AgentWriter
@@ -129,6 +132,57 @@ def test_it_is_added_to_a_result_that_is_there_and_asked_for_again_it_stays(
     assert add_fresh_draws(job, lambda part: pytest.fail("evaluated again")) == after
     evaluation = job.prepare()
     assert evaluation.stored == after
+
+
+class KilledError(BaseException):
+    """Stands for kill -9."""
+
+
+@pytest.mark.parametrize("moment", ["before the result", "after the result"])
+@pytest.mark.parametrize("again", [False, True])
+def test_a_kill_while_the_salt_is_published_leaves_no_salt_for_later(
+    tiny: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str, again: bool
+) -> None:
+    job = Job(tiny, "rule_based_fair", protect("rule_based_fair", "auto"), Options(tmp_path))
+    do(job)
+    salts = []
+
+    def killed(result: Result, out: Path) -> None:
+        assert result.fresh_draws is not None
+        salts.append(result.fresh_draws.salt)
+        if moment == "after the result":
+            save_result(result, out)
+        raise KilledError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fresh_draws, "save_result", killed)
+        with pytest.raises(KilledError):
+            add_fresh_draws(job, do)
+    if again:
+        dataclasses.replace(job, options=dataclasses.replace(job.options, fresh=True)).prepare().run()
+    result = add_fresh_draws(job, do)
+    assert result.fresh_draws is not None
+    assert (result.fresh_draws.salt in salts) == (moment == "after the result" and not again)
+    assert list((tmp_path / FOLDER).rglob("*.toml")) == []
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_a_published_salt_that_lies_there_is_not_used(tiny: TaskSpec, honest: Path, again: bool) -> None:
+    published = load_result(honest).fresh_draws
+    assert published is not None
+    out = honest.parents[2]
+    file = out / FOLDER / tiny.short_id / "rule_based_fair.toml"
+    write_round(Round(published.salt), file)
+    folder = results_folder(out / FOLDER, tiny.in_split("test", Round(published.salt).secret))
+    folder.mkdir(parents=True)
+    job = Job(tiny, "rule_based_fair", protect("rule_based_fair", "auto"), Options(out))
+    if again:
+        dataclasses.replace(job, options=dataclasses.replace(job.options, fresh=True)).prepare().run()
+    result = add_fresh_draws(job, do)
+    assert result.fresh_draws is not None
+    assert (result.fresh_draws.salt == published.salt) == (not again)
+    assert not file.exists()
+    assert folder.exists() == again
 
 
 def test_what_was_interrupted_continues_with_the_same_salt(tiny: TaskSpec, tmp_path: Path) -> None:

@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 import os
 import sys
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
 
 from glbench.cli.app import app
 from glbench.cli.console import messages, output
+from glbench.episodes.header import definition_json
 from glbench.evaluation import result_path
 from glbench.evaluation.files import LARGEST_RESULT
 from glbench.leaderboard import collect_results, rank, to_frame, to_markdown
 from glbench.resources import data_folder
 from glbench.verification import proof_path, read_proof, save_proof, verify, was_reproduced
+from tests.support import lettuce_task
 from tests.verification.forging import record_of, rewrite, rewrite_record
 
 RUNNER = CliRunner()
@@ -113,6 +116,38 @@ def test_of_several_results_the_refuted_one_decides_and_all_are_judged(reports, 
     assert run("verify", paths[2], paths[0]).exit_code == 2
 
 
+def of_no_model(log):
+    return replace(log, definition=definition_json(lettuce_task()).replace(b"greenlight-lettuce", b"moonlight"))
+
+
+def test_a_record_of_an_unknown_model_does_not_end_the_verification(reports, day_task):
+    wavy, narrow = (result_path(reports, day_task.id, name) for name in ("wavy", "narrow"))
+    rewrite_record(narrow, of_no_model, repair=False)
+    done = run("verify", "--json", narrow, wavy)
+    assert done.exit_code == 2, done.output
+    verdicts = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [(verdict["outcome"], verdict["cause"]) for verdict in verdicts] == [("unknown", "no_task"), ("reproduced", "")]
+    assert "There is no model 'moonlight" in verdicts[0]["reason"]
+
+
+def test_a_record_of_an_unknown_model_under_a_published_id_is_refuted(wavy, day_task, monkeypatch):
+    rewrite_record(wavy, of_no_model, repair=False)
+    monkeypatch.setattr("glbench.verification.documents.task_ids", lambda: (day_task.id,))
+    assert verify(wavy).cause == "damaged_record"
+
+
+def test_whatever_goes_wrong_with_a_file_the_others_are_judged(reports, day_task, monkeypatch):
+    def failing(path, **_arguments):
+        if path.stem == "narrow":
+            raise ZeroDivisionError
+        return verify(path)
+
+    monkeypatch.setattr("glbench.verification.verify", failing)
+    done = run("verify", "--json", *(result_path(reports, day_task.id, name) for name in ("narrow", "wavy")))
+    assert done.exit_code == 2, done.output
+    assert [json.loads(line)["outcome"] for line in done.stdout.splitlines()] == ["unknown", "reproduced"]
+
+
 def test_a_released_result_keeps_its_proof(wavy, monkeypatch):
     monkeypatch.setattr("glbench.resources.is_released", lambda _path: True)
     assert run("verify", wavy).exit_code == 0
@@ -190,6 +225,21 @@ def test_names_of_files_do_not_steer_the_terminal(tmp_path):
     assert done.exit_code == 1
     assert "\x1b[2J" not in done.output
     assert "\x07" not in done.output
+
+
+FORGING = "a.json\nreproduced mallory.json\n  30 runs earn what the result says.json"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such names")
+@pytest.mark.usefixtures("few_released")
+def test_names_of_files_forge_no_lines(reports, wavy):
+    (wavy.parent / FORGING).write_text("{", encoding="utf-8")
+    (wavy.parent / FORGING.replace("a.json", "b.json")).write_bytes(wavy.read_bytes())
+    for command in (("verify", reports / "results"), ("leaderboard", "--out", reports)):
+        done = run(*command)
+        lines = [line for line in done.output.splitlines() if "mallory" in line]
+        assert lines, (command, done.output)
+        assert all(".json?reproduced mallory.json?" in line for line in lines), (command, lines)
 
 
 def test_a_file_that_changes_under_the_verification_gets_no_note(wavy):

@@ -81,7 +81,8 @@ def check_submission(
         book.add(findings.card_notes(identity))
         book.add(findings.size_findings(identity), "files")
         book.facts["files"] = findings.size_in_words(identity)
-        book.add(findings.package_findings(identity), "packages")
+        imports = findings.imports_of(identity)
+        book.add(findings.package_findings(identity, imports), "packages")
         book.add(findings.policy_findings(identity, task_card(spec)))
         if not book.hopeless:
             try:
@@ -91,7 +92,7 @@ def check_submission(
         if protection is not None:
             book.facts["loading"] = _WHERE[protection]
             remaining = max(2.0, seconds - (time.monotonic() - began))
-            _DryRun(identity, spec, book, remaining, walls=protection == "bubblewrap").run()
+            _DryRun(identity, findings.large_packages(identity, imports), spec, book, remaining, walls=protection == "bubblewrap").run()
     results = list(dict.fromkeys(book.findings))
     return Report(name, what, spec.id, tuple(results), frozenset(book.checked), book.facts, time.monotonic() - began)
 
@@ -139,13 +140,13 @@ class _DryRun:
     All agents that are made live in one process, each from the file run afresh.
     """
 
-    def __init__(self, submission: Identity, task: TaskSpec, book: _Book, seconds: float, *, walls: bool) -> None:
+    def __init__(self, submission: Identity, packages: Sequence[str], task: TaskSpec, book: _Book, seconds: float, *, walls: bool) -> None:
         self._task, self._book, self._seconds = task, book, seconds
         self._limits = TimeLimits.of_table(task.evaluation.time_limits)
         self._prints = Prints(_SIZES.printed)
         sizes = _SIZES if walls else _SIZES_OF_THE_MACHINE
         self._agent = SandboxedAgent.of(submission, task, 1, self._limits, sizes, self._prints, walls=walls)
-        self._packages = findings.large_packages(submission)
+        self._packages = packages
         self._deadline = time.monotonic() + seconds
         self._dialogue: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
         self._stack = ExitStack()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -88,8 +89,8 @@ def note(subject: Subject, text: str) -> Finding:
 
 
 MANY_FILES = 1000
-_LARGEST_LOOK, _LARGEST_SOURCE = 64 * MIB, 2 * MIB
-"""Sizes up to which a saved policy is opened and a source file parsed before the agent runs."""
+_LARGEST_LOOK, _ALL_SOURCES = 64 * MIB, 2 * MIB
+"""Sizes up to which a saved policy is opened, and source files, all together, are parsed before the agent runs."""
 _ALWAYS_THERE = frozenset({"numpy", "glbench"})
 _NEEDS = {"sb3": ("torch", "stable_baselines3"), "torchscript": ("torch",), "onnx": ("onnxruntime",), "python": ()}
 _LARGE = frozenset({"torch", "stable_baselines3", "sb3_contrib", "onnxruntime", "scipy", "pandas", "sklearn", "jax", "tensorflow"})
@@ -152,7 +153,22 @@ def size_in_words(identity: Identity) -> str:
     return f"{len(files)} file{'s' if len(files) > 1 else ''}, {amount}"
 
 
-def package_findings(identity: Identity) -> list[Finding]:
+Import = tuple[Path, str, int, bool]
+"""File, top-level name, line, and whether it stands within ``try``."""
+
+
+def imports_of(identity: Identity) -> list[Import]:
+    """Every import that is not relative, in as many files as may be parsed."""
+    results, room = list[Import](), _ALL_SOURCES
+    for file in (file for file in identity.all_files() if file.suffix == ".py"):
+        size = file.stat().st_size
+        if size <= room:
+            room -= size
+            results += [(file, *one) for one in _imported(file)]
+    return results
+
+
+def package_findings(identity: Identity, imports: Sequence[Import]) -> list[Finding]:
     """Whether what the submission imports is installed, and declared where there is a card."""
     results = [
         problem("packages", f"A {FORM_WORDS[identity.form]} needs {module}, which is not installed here. {how_to_install(module)}")
@@ -162,30 +178,28 @@ def package_findings(identity: Identity) -> list[Finding]:
     items = identity.folder.iterdir() if identity.folder is not None else ()
     own = {item.stem for item in items if item.is_dir() or item.suffix == ".py"}
     checked: set[str] = set()
-    for file in (file for file in identity.all_files() if file.suffix == ".py"):
-        for module, line, guarded in _imported(file):
-            if module in checked or module in own or module in sys.stdlib_module_names or module in _ALWAYS_THERE:
-                continue
-            checked.add(module)
-            place = f"{file.relative_to(identity.root)}:{line}"
-            if missing(module):
-                text = f"{place} imports '{module}', which is not installed here. {how_to_install(module)}"
-                results.append(
-                    note("packages", f"{text} (It is imported within try, so the agent may do without.)")
-                    if guarded
-                    else problem("packages", text)
-                )
-            package = _PACKAGE_OF.get(module, module).lower().replace("_", "-")
-            if identity.card is not None and package not in declared and not guarded:
-                text = f"{place} imports '{module}', which the card does not name: requires = [\"{package}\"]."
-                results.append(note("packages", text))
+    for file, module, line, guarded in imports:
+        if module in checked or module in own or module in sys.stdlib_module_names or module in _ALWAYS_THERE:
+            continue
+        checked.add(module)
+        place = f"{file.relative_to(identity.root)}:{line}"
+        if missing(module):
+            text = f"{place} imports '{module}', which is not installed here. {how_to_install(module)}"
+            results.append(
+                note("packages", f"{text} (It is imported within try, so the agent may do without.)")
+                if guarded
+                else problem("packages", text)
+            )
+        package = _PACKAGE_OF.get(module, module).lower().replace("_", "-")
+        if identity.card is not None and package not in declared and not guarded:
+            text = f"{place} imports '{module}', which the card does not name: requires = [\"{package}\"]."
+            results.append(note("packages", text))
     return results
 
 
-def large_packages(identity: Identity) -> tuple[str, ...]:
+def large_packages(identity: Identity, imports: Sequence[Import]) -> tuple[str, ...]:
     """Those packages that a submission needs and that take seconds to import."""
-    imported = {module for file in identity.all_files() if file.suffix == ".py" for module, _, _ in _imported(file)}
-    needed = imported if identity.form == "python" else set(_NEEDS[identity.form])
+    needed = {module for _, module, _, _ in imports} if identity.form == "python" else set(_NEEDS[identity.form])
     return tuple(sorted(module for module in needed & _LARGE if not missing(module)))
 
 
@@ -215,14 +229,15 @@ def policy_findings(identity: Identity, task: TaskCard) -> list[Finding]:
 
 def _imported(file: Path) -> Iterator[tuple[str, int, bool]]:
     """Top-level name, line, and whether it stands within ``try``, of every import that is not relative."""
-    if file.stat().st_size > _LARGEST_SOURCE:
-        return
     try:
         tree = ast.parse(file.read_bytes())
     except (SyntaxError, ValueError, RecursionError, MemoryError):  # told by the loading, with the line
         return
-    guarded = {id(inner) for outer in ast.walk(tree) if isinstance(outer, ast.Try) for inner in ast.walk(outer)}
-    for node in ast.walk(tree):
+    waiting: deque[tuple[ast.AST, bool]] = deque([(tree, False)])
+    while waiting:
+        node, guarded = waiting.popleft()
+        guarded = guarded or isinstance(node, ast.Try)
+        waiting += [(inner, guarded) for inner in ast.iter_child_nodes(node)]
         if isinstance(node, ast.Import):
             names = [name.name for name in node.names]
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
@@ -230,4 +245,4 @@ def _imported(file: Path) -> Iterator[tuple[str, int, bool]]:
         else:
             continue
         for name in names:
-            yield name.partition(".")[0], node.lineno, id(node) in guarded
+            yield name.partition(".")[0], node.lineno, guarded
