@@ -126,7 +126,7 @@ class Ladder(FrozenModel):
     @property
     def trained(self) -> str:
         """How long its policies were trained, such as ``trainings of 5,000,000 steps``."""
-        return f"trainings of {self.steps:,} steps" + (f" and searches of {self.search_steps:,}" if self.search_steps else "")
+        return f"trainings of {self.steps:,} steps" + (f" and searches of {self.search_steps:,} steps" if self.search_steps else "")
 
 
 def rows_of(rungs: Sequence[Rung], zero: str) -> tuple[Row, ...]:

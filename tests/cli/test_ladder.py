@@ -193,7 +193,7 @@ def test_searches_follow_each_training_and_the_last_one_is_the_agent(day: Path, 
     assert whole.code == 0, whole.err
     ladder = Ladder.model_validate_json(whole.out)
     assert ladder.search_steps == 2 * (4 + 6) * get_task(str(day / "day.toml")).steps
-    assert f"trainings of 200 steps and searches of {ladder.search_steps}" == ladder.trained
+    assert f"trainings of 200 steps and searches of {ladder.search_steps:,} steps" == ladder.trained
     agent = day / "lad" / "ppo-Day-v1-outdoor-seed0"
     places = [agent.with_name(f"{agent.name}-stage1"), agent.with_name(f"{agent.name}-stage2"), agent]
     policies = [(place / "policy.npz").read_bytes() for place in places]
