@@ -93,24 +93,27 @@ class Classroom:
         self._task, self._runs, self._first_seed = task, settings.runs, settings.first_env_seed
         kernel = make_kernel(task.model_value, task.step_seconds, preset=settings.kernel_preset)
         self._simulation = Simulation(task, settings.runs, kernel)
+        self._low, self._high = bounds_of(task)
         teacher = load_agent(settings.teacher).make(task_card(task))
         assert isinstance(teacher, Agent)
-        self._teacher = teacher
+        self._teacher, self._name = teacher, settings.teacher
 
     def play(self, number: int, policy: NetworkPolicy | None) -> Lesson:
         """Round ``number``, counted from 0, in which ``policy`` acts; without one the teacher does."""
         self._teacher.reset(task_card(self._task), self._runs)
-        observed, advised = [], []
+        rows, labels = [], []
 
         def act(observations: NDArray[np.float32]) -> Floats:
-            advice: Floats = np.clip(np.asarray(self._teacher.act(observations), dtype=np.float64), -1.0, 1.0)
+            advice: Floats = np.clip(np.asarray(self._teacher.act(observations), dtype=np.float64), self._low, self._high)
             running = ~self._simulation.ended
-            observed.append(observations[running].copy())
-            advised.append(advice[running].astype(np.float32))
+            if not np.isfinite(advice[running]).all():
+                refuse(f"{self._name} gave an action that is no number in step {len(labels)} of round {number + 1}.", TrainingError)
+            rows.append(observations[running].copy())
+            labels.append(advice[running].astype(np.float32))
             return advice if policy is None else policy.act(observations)
 
         season_sums(self._simulation, self.seeds(number), act)
-        return Lesson(np.concatenate(observed), np.concatenate(advised))
+        return Lesson(np.concatenate(rows), np.concatenate(labels))
 
     def seeds(self, number: int) -> Sequence[int]:
         """Seeds of a round: no two rounds share one."""
@@ -118,19 +121,26 @@ class Classroom:
         return range(first, first + self._runs)
 
 
-def loss_of(output: torch.Tensor, advice: torch.Tensor) -> torch.Tensor:
+def bounds_of(task: TaskSpec) -> tuple[Floats, Floats]:
+    """Lowest and highest value of each action."""
+    actions = task_card(task).actions
+    return np.array([action.low for action in actions]), np.array([action.high for action in actions])
+
+
+def loss_of(output: torch.Tensor, advice: torch.Tensor, low: torch.Tensor, high: torch.Tensor) -> torch.Tensor:
     """Mean square of how far actions are from the advice. Beyond a bound that was advised nothing is lost: actions are cut there."""
-    cut = torch.where(advice >= 1.0, output.clamp(max=1.0), torch.where(advice <= -1.0, output.clamp(min=-1.0), output))
+    cut = torch.where(advice >= high, output.minimum(high), torch.where(advice <= low, output.maximum(low), output))
     return nn.functional.mse_loss(cut, advice)
 
 
-def fitted(task: TaskSpec, settings: ImitationSettings, lesson: Lesson, seed: int, number: int) -> NetworkPolicy:
+def fit_network(task: TaskSpec, settings: ImitationSettings, lesson: Lesson, seed: int, number: int) -> NetworkPolicy:
     """A new network, fitted to all that the teacher has said so far."""
     card, rows = task_card(task), lesson.observations.astype(np.float64)
     varying = varies(rows.min(axis=0), rows.max(axis=0))
     mean, scale = rows.mean(axis=0), np.where(varying, np.sqrt(rows.var(axis=0) + EPSILON), 1.0)
     inputs = torch.from_numpy(np.clip((rows - mean) / scale, -settings.clip_observations, settings.clip_observations).astype(np.float32))
-    advice = torch.from_numpy(lesson.actions)
+    advice, (low, high) = torch.from_numpy(lesson.actions), bounds_of(task)
+    bounds = torch.from_numpy(np.float32(low)), torch.from_numpy(np.float32(high))
     torch.manual_seed(1000 * seed + number)
     sizes = [inputs.shape[1], *settings.net_arch]
     hidden = [layer for pair in itertools.pairwise(sizes) for layer in (nn.Linear(*pair), nn.SiLU())]
@@ -140,14 +150,14 @@ def fitted(task: TaskSpec, settings: ImitationSettings, lesson: Lesson, seed: in
     for _ in range(settings.updates):
         batch = torch.randint(len(inputs), (settings.batch_size,))
         optimiser.zero_grad()
-        loss_of(network(inputs[batch]), advice[batch]).backward()
+        loss_of(network(inputs[batch]), advice[batch], *bounds).backward()
         optimiser.step()
         schedule.step()
     layers = [layer for layer in network if isinstance(layer, nn.Linear)]
     policy = NetworkPolicy(
         task_id=task.id, delta=task.uncertainty.delta, observation_names=card.observation_names, action_names=card.action_names,
-        low=np.array([action.low for action in card.actions]), high=np.array([action.high for action in card.actions]), mean=mean,
-        scale=scale, clip=settings.clip_observations, weights=tuple(layer.weight.detach().numpy().T.copy() for layer in layers),
+        low=low, high=high, mean=mean, scale=scale, clip=settings.clip_observations,
+        weights=tuple(layer.weight.detach().numpy().T.copy() for layer in layers),
         biases=tuple(layer.bias.detach().numpy().copy() for layer in layers), activation="SiLU", output="clip",
         about={"algorithm": ALGORITHM, "teacher": settings.teacher, "seed": seed, "round": number}, arithmetic=FAST,
     )  # fmt: skip
@@ -207,7 +217,7 @@ def imitate(task: TaskSpec, settings: ImitationSettings, folder: Path, *, seed: 
             for listener in listeners:
                 listener.on_progress(Progress(number + 1, settings.rounds, 0.0, None))
             with history.time.spend("learning"):
-                policy = fitted(task, settings, Lesson(*map(np.concatenate, zip(*lessons, strict=True))), seed, number)
+                policy = fit_network(task, settings, Lesson(*map(np.concatenate, zip(*lessons, strict=True))), seed, number)
             with history.time.spend("evaluation"):
                 result = probe.of(policy.act)
             point = history.add(steps, result, 1)

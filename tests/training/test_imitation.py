@@ -111,7 +111,7 @@ def test_another_training_in_the_folder_is_refused(day: TaskSpec, trained: Path)
 
 def test_beyond_an_advised_bound_nothing_is_lost() -> None:
     output = torch.tensor([[1.7, -1.7, 1.7, 0.5]], requires_grad=True)
-    loss = loss_of(output, torch.tensor([[1.0, -1.0, -1.0, 0.0]]))
+    loss = loss_of(output, torch.tensor([[1.0, -1.0, -1.0, 0.0]]), torch.full((4,), -1.0), torch.ones(4))
     loss.backward()
     assert loss.item() == pytest.approx((0.0 + 0.0 + 2.7**2 + 0.5**2) / 4)
     assert output.grad is not None
