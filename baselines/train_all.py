@@ -50,7 +50,7 @@ SETTINGS = {
     "ppo_energy": "ppo/memory.yml",
     "ppo_harvest": "ppo_harvest/climate.yml",
     "imitation_lettuce": "imitation_lettuce/imitation.yml",
-    "imitation_greenhouse": "imitation_greenhouse/imitation.yml",
+    "ppo_lettuce": "ppo_lettuce/ppo.yml",
 }
 """Settings of each recipe, in this folder."""
 SEARCHES = {"ppo_harvest": ("ppo_harvest/day.yml", "ppo_harvest/all.yml")}
@@ -58,7 +58,7 @@ SEARCHES = {"ppo_harvest": ("ppo_harvest/day.yml", "ppo_harvest/all.yml")}
 VIEWS = {"outdoor": ("blind",), "ppo_greenhouse": ("sensors",), "ppo_memory_greenhouse": ("memory",), "ppo_harvest": ("memory",)}
 """What the agents of a recipe look at (docs/ladder.md), where it is not all that a task shows."""
 COMPILED = ("ppo_fast", "ppo_memory", "ppo_long", "ppo_energy", *VIEWS)
-ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac"}
+ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac", "ppo_lettuce": "ppo"}
 """Algorithms of Stable-Baselines3 by the recipes that use them."""
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 """The suite ``control-2025``, on which the compiled PPO, with and without memory, and SAC train; for long only where tomatoes grow."""
@@ -67,8 +67,8 @@ OF_GREENHOUSE = {"outdoor": 5, "ppo_greenhouse": 3, "ppo_memory_greenhouse": 3}
 GREENHOUSE_TASKS = ("GreenhouseReal-v1", "Lettuce-v2")
 OF_ENERGY = ("WinterLED-v1", "SpringEnergy-v1")
 """Tasks of the suite ``energy`` on which the compiled PPO with a memory trains, three times each."""
-IMITATIONS = {"imitation_lettuce": ("LettuceClassic-Delta05-v1", 3), "imitation_greenhouse": ("GreenhouseReal-v1", 1)}
-"""Recipes that imitate a controller: the task and how many trainings."""
+IMITATIONS = ("imitation_lettuce",)
+"""Recipes that imitate a controller."""
 CARD_OF_RECIPE = "card.in.toml"
 """Becomes the agent's card with the first policy: an agent without weights is none."""
 log = logging.getLogger("train_all")
@@ -125,8 +125,8 @@ def plan() -> list[Job]:
     ]
     energy = [Job("ppo_energy", task, seed) for task in OF_ENERGY for seed in range(3)]
     harvest = [Job("ppo_harvest", "LettuceHarvest-v1", seed) for seed in range(3)]
-    imitations = [Job(recipe, task, seed) for recipe, (task, trainings) in IMITATIONS.items() for seed in range(trainings)]
-    of_others = [*off_policy, *greenhouse, *energy, *harvest, *imitations]
+    classic = [Job(recipe, "LettuceClassic-Delta05-v1", seed) for recipe in (*IMITATIONS, "ppo_lettuce") for seed in range(3)]
+    of_others = [*off_policy, *greenhouse, *energy, *harvest, *classic]
     return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *of_others]
 
 

@@ -43,7 +43,7 @@ ROWS = (
 
 def results_of(task: str, baseline: str) -> list[Result]:
     """Released results of a baseline and of its other trainings."""
-    files = [RESULTS / task / f"{baseline}.json", *sorted((RESULTS / task).glob(f"{baseline}_seed*.json"))]
+    files = [RESULTS / task / f"{baseline}.json", *sorted((RESULTS / task).glob(f"{baseline}_seed?.json"))]
     return [load_result(file) for file in files if file.is_file()]
 
 
