@@ -7,8 +7,8 @@
 columns of both tasks and one that says which crop grows; columns that a task does not show are at their mean. In one task all of these
 are constants, so they join the first bias: what is left is an ordinary policy of that task, which is what the baselines hold.
 
-The best policy is chosen on the validation splits. For both crops this is the highest mean of the two scores [EUR m-2], as for a grower with as much
-of one crop as of the other. It was fixed before any training. No test split is seen here.
+The best policy is chosen on the validation splits. For both crops this is the one with the highest mean of the two scores [EUR m-2], as for
+a grower with as much of one crop as of the other. This was fixed before any training. No test split is seen here.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ class Mixed(VecEnv):
 
 
 def crop(number: int) -> float:
-    """What the column of the crop reads in the task of that number."""
+    """What the column of the crop reads in the task of that number; a policy for one crop sees that of the first."""
     return (-1.0, 1.0)[number]
 
 
@@ -232,9 +232,10 @@ class Training:
         task, settings, ids = self.tasks[name], self.settings[name], [one.id for one in self.tasks.values()]
         table = training_table(ALGORITHM, settings, settings_digest(settings), self.seed, steps)
         paid = "" if settings.accrual is None else f" {settings.accrual.in_words(task)}"
+        words = f"The best policy of {steps:,} steps by its mean score on the validation splits, without the noise of exploration.{paid}"
         return TrainingFacts(
             title=f"PPO trained on {' and '.join(ids)}, seed {self.seed}",
-            description=f"The best policy of {steps:,} steps by its mean score on the validation splits, without the noise of exploration.{paid}",
+            description=words,
             command="python benchmarks/two_crops.py, with the settings in settings.yml; the tables below tell the rest.",
             sources=("Stable-Baselines3 (Raffin et al., 2021)",),
             controller="actor",
@@ -298,7 +299,8 @@ def ship(training: Training, folder: Path) -> None:
     recipe = training.baseline.removesuffix(f"_seed{training.seed}")
     card = tomllib.loads((data_folder("baselines") / recipe / "card.in.toml").read_text(encoding="utf-8"))
     if training.seed:
-        card |= {"title": f"{card['title']}; training seed {training.seed}", "description": f"As {recipe}, trained with seed {training.seed}."}
+        card["title"] += f"; training seed {training.seed}"
+        card["description"] = f"As {recipe}, trained with seed {training.seed}."
     card["training"] = {"recipe": recipe, "seed": training.seed}
     write_atomically(home / CARD, to_toml(card))
     log.info("%s: shipped to %s", training.name, home)
