@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from benchmarks import two_crops
-from benchmarks.two_crops import TRAININGS, Greenhouses, Training, main, restricted, ship
+from benchmarks.mixed_vec_env import Greenhouses, restricted
+from benchmarks.two_crops import TRAININGS, Training, main, ship
 from glbench.agents import load_agent
 from glbench.agents.network_policy import read_actor
 from glbench.errors import TrainingError
