@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from benchmarks.mixed_vec_env import Greenhouses, Mixed, restricted
@@ -57,11 +58,14 @@ class Training:
 
     @classmethod
     def of(cls, kind: str, seed: int, file: Path = SETTINGS) -> Training:
-        """The training of a kind. Raises ``TrainingError`` when the tasks' settings differ in more than ``accrual``."""
+        """The training of a kind. Raises ``TrainingError`` when the tasks' settings differ in more than ``accrual`` and ``gamma``."""
         tasks = {name: get_task(TASKS[name]) for name in TRAININGS[kind]}
         settings = {name: read_settings(file, ALGORITHM, task.id) for name, task in tasks.items()}
-        if len({one.model_copy(update={"accrual": None}).model_dump_json() for one in settings.values()}) > 1:
-            refuse(f"The tasks in {file} differ in more than 'accrual'.", TrainingError)
+        alike = [
+            one.model_copy(update={"accrual": None, "hyperparameters": one.hyperparameters | {"gamma": None}}) for one in settings.values()
+        ]
+        if any(one != alike[0] for one in alike):
+            refuse(f"The tasks in {file} differ in more than 'accrual' and 'gamma'.", TrainingError)
         return cls(kind, tasks, settings, seed)
 
     @property
@@ -78,13 +82,21 @@ class Training:
         """The baseline that it is a part of."""
         return f"ppo_{'two_crops' if len(self.tasks) > 1 else 'one_crop'}{f'_seed{self.seed}' if self.seed else ''}"
 
+    def model(self, env: Mixed) -> PPO:
+        """An untrained model whose advantages discount each task's rewards by that task's ``gamma``."""
+        model = make_model(self.common, env, self.seed)
+        assert isinstance(model, PPO)
+        gammas = np.repeat([one.gamma for one in self.settings.values()], self.common.n_envs)
+        model.rollout_buffer.gamma = gammas  # type: ignore[assignment]  # a number there, which is multiplied by one for each greenhouse
+        return model
+
     def env(self) -> Mixed:
         """Its greenhouses."""
         common, parts = self.common, []
         for name, task in self.tasks.items():
             greenhouses = Greenhouses(task, self.settings[name])
             clips = {"clip_obs": common.normalize.clip_observations, "clip_reward": common.normalize.clip_rewards}
-            parts.append(Normalizer(greenhouses, gamma=common.gamma, **clips))
+            parts.append(Normalizer(greenhouses, gamma=self.settings[name].gamma, **clips))
         return Mixed(parts, [task_card(task).observation_names for task in self.tasks.values()])
 
     def is_done(self, folder: Path) -> bool:
@@ -94,7 +106,7 @@ class Training:
         """Train in ``folder``, which has a folder for each task in the end: an agent of it."""
         prepare_torch()
         env = self.env()
-        model, every = make_model(self.common, env, self.seed), len(self.tasks) * self.common.evaluation.every
+        model, every = self.model(env), len(self.tasks) * self.common.evaluation.every
         choice = Choice(self, folder, env, every)
         model.learn(len(self.tasks) * self.common.n_timesteps, callback=choice)
         choice.finish()
@@ -178,6 +190,7 @@ def ship(training: Training, folder: Path) -> None:
     if training.seed:
         card["title"] += f"; training seed {training.seed}"
         card["description"] = f"As {recipe}, trained with seed {training.seed}."
+        card["made"] = card["made"].replace("seed 0", f"seed {training.seed}")
     card["training"] = {"recipe": recipe, "seed": training.seed}
     write_atomically(home / CARD, to_toml(card))
     log.info("%s: shipped to %s", training.name, home)

@@ -16,7 +16,6 @@ from glbench.agents import load_agent
 from glbench.agents.network_policy import read_actor
 from glbench.errors import TrainingError
 from glbench.tasks import task_card
-from glbench.training.algorithms import make_model
 
 SHORT = """
 base = "glbench/{base}"
@@ -32,11 +31,12 @@ default:
   learning_rate: 1.0e-2
   n_steps: 16
   batch_size: 48
-  gamma: 0.9
   evaluation: {every: 48, runs: 2, first_seed: 20_000_000_000}
 test/Spring-v1:
+  gamma: 0.9
   accrual: {state: cBuf, price: 1.0e-5}
 test/Lettuce-v1:
+  gamma: 0.98
   accrual: {state: xS, price: 15.0}
 """
 
@@ -56,7 +56,7 @@ def test_in_each_task_the_policy_acts_as_the_network_on_the_columns_of_all_tasks
     training = Training.of(kind, 0, settings)
     env = training.env()
     assert len(env.names) == len(set(env.names)) == (54 if kind == "two_crops" else 51)
-    model = make_model(training.common, env, 0)
+    model = training.model(env)
     seen = np.array(env.reset())
     random = np.random.default_rng(0)
     for _ in range(30):
@@ -72,6 +72,18 @@ def test_in_each_task_the_policy_acts_as_the_network_on_the_columns_of_all_tasks
         assert not wide[:, absent].any()
         joint = model.policy.get_distribution(torch.from_numpy(wide).float()).mode().detach().numpy()  # type: ignore[operator]
         np.testing.assert_allclose(actor.network.act(raw), np.clip(joint, 0.0, 1.0), atol=1e-6, rtol=0.0)
+
+
+def test_advantages_discount_each_task_by_its_own_gamma(settings: Path) -> None:
+    training = Training.of("two_crops", 0, settings)
+    env = training.env()
+    buffer = training.model(env).rollout_buffer
+    buffer.rewards[:], buffer.episode_starts[0] = 1.0, 1.0
+    buffer.gae_lambda = 1.0
+    buffer.compute_returns_and_advantage(torch.zeros(env.num_envs), np.zeros(env.num_envs))
+    sums = [sum(gamma**step for step in range(16)) for gamma in (0.9, 0.98)]
+    np.testing.assert_allclose(buffer.advantages[0], np.repeat(sums, 3), rtol=1e-5)
+    assert [part.gamma for part in env.parts] == [0.9, 0.98]
 
 
 def test_controls_move_to_the_positions_and_first_episodes_end_apart(settings: Path) -> None:
@@ -115,7 +127,7 @@ def test_trainings_are_made_once_and_shipped_for_each_task(settings: Path, tmp_p
             assert (card["steps"], len(card["trained_on"])) == (96 * on, on)
 
 
-def test_settings_of_the_tasks_may_differ_in_what_training_pays_alone(settings: Path) -> None:
-    settings.write_text(SETTINGS.replace("test/Lettuce-v1:", "test/Lettuce-v1:\n  gamma: 0.99"))
-    with pytest.raises(TrainingError, match="differ in more than 'accrual'"):
+def test_settings_of_the_tasks_may_differ_in_what_training_pays_and_how_far_it_looks_alone(settings: Path) -> None:
+    settings.write_text(SETTINGS.replace("test/Lettuce-v1:", "test/Lettuce-v1:\n  n_steps: 8"))
+    with pytest.raises(TrainingError, match="differ in more than 'accrual' and 'gamma'"):
         Training.of("two_crops", 0, settings)
