@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from pandas import read_csv
 
 from benchmarks import factors
 from docs import (
@@ -324,6 +325,22 @@ def more_on_test(first: str, second: str, task: str = study_figures.REAL) -> tup
     """What an agent earns more than another on the test split of a task, and the ends of the interval [EUR m-2]."""
     span = of_study(task).more(task, first, second)
     return span.value, span.low, span.high
+
+
+OF_CROPS = ("ppo_two_crops", "ppo_one_crop")
+
+
+def lettuce_on_validation() -> tuple[float, ...]:
+    """Validation scores on lettuce at the chosen step and at the last [EUR m-2], means over trainings: specialists, then for both crops."""
+    scores = []
+    for recipe in reversed(OF_CROPS):
+        for best in (True, False):
+            values = []
+            for seed in ("", "_seed1", "_seed2"):
+                curve = read_csv(ROOT / f"baselines/{recipe}{seed}/training/lettuce.csv")
+                values.append(curve["lettuce"][curve.index[curve["best"] == 1][-1] if best else len(curve) - 1])
+            scores.append(float(np.mean(values)))
+    return tuple(scores)
 
 
 def step_of_planner(task: str) -> tuple[float, ...]:
@@ -1393,6 +1410,9 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         ("chosen over {} validation runs instead of {}.", lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory"))),
+        ("On `Spring-v1` the policy for two crops earns {} EUR/m² ({} to {}) less", lambda: more_on_test(*OF_CROPS[::-1], "Spring-v1")),
+        ("on `Lettuce-v1` {} ({} to {}) more", lambda: more_on_test(*OF_CROPS, "Lettuce-v1")),
+        ("from {} EUR/m² at the chosen step to {} at the last; those of the policy for two crops from {} to {}", lettuce_on_validation),
     ],
     "docs/uncertainty.md": [
         ("forecasts are {} W/m2 too low by day,\n{} % of the radiation that came", radiation_bias),
