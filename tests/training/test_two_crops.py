@@ -12,8 +12,7 @@ import torch
 from benchmarks import two_crops
 from benchmarks.mixed_vec_env import Greenhouses, restricted
 from benchmarks.two_crops import TRAININGS, Training, main, ship
-from glbench.agents import load_agent
-from glbench.agents.network_policy import read_actor
+from glbench.agents.network_policy import ActorAgent, PolicyFiles, read_actor
 from glbench.errors import TrainingError
 from glbench.tasks import task_card
 
@@ -57,10 +56,10 @@ def test_in_each_task_the_policy_acts_as_the_network_on_the_columns_of_all_tasks
     env = training.env()
     assert len(env.names) == len(set(env.names)) == (54 if kind == "two_crops" else 51)
     model = training.model(env)
-    seen = np.array(env.reset())
+    seen = np.asarray(env.reset())
     random = np.random.default_rng(0)
     for _ in range(30):
-        seen = env.step(random.uniform(0.0, 1.0, (env.num_envs, 6)))[0]
+        seen = np.asarray(env.step(random.uniform(0.0, 1.0, (env.num_envs, 6)))[0])
     model.learn(96)
     for number, (task, part, rows) in enumerate(zip(training.tasks.values(), env.parts, env.rows, strict=True)):
         actor = restricted(model, env, number, task, {})
@@ -70,7 +69,7 @@ def test_in_each_task_the_policy_acts_as_the_network_on_the_columns_of_all_tasks
         assert set(wide[:, -1]) == {(-1.0, 1.0)[number]}
         absent = [place for place in range(len(env.names) - 1) if place not in env.places[number]]
         assert not wide[:, absent].any()
-        joint = model.policy.get_distribution(torch.from_numpy(wide).float()).mode().detach().numpy()  # type: ignore[operator]
+        joint = model.policy.get_distribution(torch.from_numpy(wide).float()).mode().detach().numpy()
         np.testing.assert_allclose(actor.network.act(raw), np.clip(joint, 0.0, 1.0), atol=1e-6, rtol=0.0)
 
 
@@ -93,7 +92,7 @@ def test_controls_move_to_the_positions_and_first_episodes_end_apart(settings: P
     env.reset()
     vents = task_card(task).observation_names.index("vents")
     readings = [env.step(np.full((3, 6), 0.25, np.float32)) for _ in range(task.steps)]
-    assert [step[0][0, vents] for step in readings[:4]] == pytest.approx([0.1, 0.2, 0.25, 0.25])
+    assert [np.asarray(step[0])[0, vents] for step in readings[:4]] == pytest.approx([0.1, 0.2, 0.25, 0.25])
     ends = [(number, row) for number, step in enumerate(readings, 1) for row in np.flatnonzero(step[2]).tolist()]
     assert ends == [(task.steps // 3, 0), (2 * task.steps // 3, 1), (task.steps, 2)]
     assert [readings[number - 1][3][row]["TimeLimit.truncated"] for number, row in ends] == [True, True, False]
@@ -119,7 +118,7 @@ def test_trainings_are_made_once_and_shipped_for_each_task(settings: Path, tmp_p
         home = tmp_path / "baselines" / f"{recipe}_seed1"
         assert tomllib.loads((home / "card.toml").read_text())["training"] == {"recipe": recipe, "seed": 1}
         for name, task in Training.of("two_crops", 1, settings).tasks.items():
-            agent = load_agent(home).make(task_card(task))
+            agent = ActorAgent(PolicyFiles.at(home / "weights"))
             agent.reset(task_card(task), 1)
             assert agent.act(np.zeros((1, 50), np.float32)).shape == (1, 6)
             assert read_actor(home / f"weights/{name}.npz").network.task_id == task.id
