@@ -270,7 +270,7 @@ class Study:
             rows = self.rows(task, CROPS)
             for agent in (agent for agent in CROPS if agent in rows):
                 row, score = rows[agent], score_of(rows[agent])
-                each = ", ".join(f"{one.means[RANKING_METRIC]:.2f}" for one in row.results) if row.training_steps else "–"
+                each = ", ".join(f"{one.means[RANKING_METRIC]:.2f}" for one in row.results) if len(row.results) > 1 else "–"
                 lead = ["–", "–"]
                 if agent != both:
                     more = self.more(task, both, agent)
