@@ -20,6 +20,8 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
+from imitate import imitate, read_imitation  # beside this file
+
 from glbench.errors import did_you_mean
 from glbench.resources import write_atomically
 from glbench.tasks import get_task
@@ -47,6 +49,8 @@ SETTINGS = {
     "ppo_memory_greenhouse": "ppo/memory.yml",
     "ppo_energy": "ppo/memory.yml",
     "ppo_harvest": "ppo_harvest/climate.yml",
+    "imitation_lettuce": "imitation_lettuce/imitation.yml",
+    "imitation_greenhouse": "imitation_greenhouse/imitation.yml",
 }
 """Settings of each recipe, in this folder."""
 SEARCHES = {"ppo_harvest": ("ppo_harvest/day.yml", "ppo_harvest/all.yml")}
@@ -63,6 +67,8 @@ OF_GREENHOUSE = {"outdoor": 5, "ppo_greenhouse": 3, "ppo_memory_greenhouse": 3}
 GREENHOUSE_TASKS = ("GreenhouseReal-v1", "Lettuce-v2")
 OF_ENERGY = ("WinterLED-v1", "SpringEnergy-v1")
 """Tasks of the suite ``energy`` on which the compiled PPO with a memory trains, three times each."""
+IMITATIONS = {"imitation_lettuce": ("LettuceClassic-Delta05-v1", 3), "imitation_greenhouse": ("GreenhouseReal-v1", 1)}
+"""Recipes that imitate a controller: the task and how many trainings."""
 CARD_OF_RECIPE = "card.in.toml"
 """Becomes the agent's card with the first policy: an agent without weights is none."""
 log = logging.getLogger("train_all")
@@ -119,7 +125,9 @@ def plan() -> list[Job]:
     ]
     energy = [Job("ppo_energy", task, seed) for task in OF_ENERGY for seed in range(3)]
     harvest = [Job("ppo_harvest", "LettuceHarvest-v1", seed) for seed in range(3)]
-    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *off_policy, *greenhouse, *energy, *harvest]
+    imitations = [Job(recipe, task, seed) for recipe, (task, trainings) in IMITATIONS.items() for seed in range(trainings)]
+    of_others = [*off_policy, *greenhouse, *energy, *harvest, *imitations]
+    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *of_others]
 
 
 def _paper(level: str) -> str:
@@ -191,6 +199,8 @@ def _train(job: Job, folder: Path) -> None:
         trained = train_then_search(
             task, compiled, folder, train=train_compiled, searches=searches, seed=job.seed, resume=True, listeners=listeners
         )
+    elif job.recipe in IMITATIONS:
+        trained = imitate(task, read_imitation(job.settings), folder, seed=job.seed, listeners=listeners)
     elif job.recipe in ALGORITHMS:
         settings = read_settings(job.settings, ALGORITHMS[job.recipe], task.id)
         trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=listeners)
@@ -253,6 +263,9 @@ def _state(job: Job, folder: Path) -> str:
     elif job.recipe in COMPILED:
         compiled = read_compiled_settings(job.settings, task, view=VIEWS.get(job.recipe))
         digest, goal, reached = compiled.digest, compiled.updates * compiled.rollout, card["training"]["steps"]
+    elif job.recipe in IMITATIONS:
+        imitation = read_imitation(job.settings)
+        digest, goal, reached = imitation.digest, imitation.rounds, card["training"]["rounds"]
     elif job.recipe in ALGORITHMS:
         settings = read_settings(job.settings, ALGORITHMS[job.recipe], task.id)
         digest, goal, reached = settings_digest(settings), settings.n_timesteps, card["training"]["steps"]

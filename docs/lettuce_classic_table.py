@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from docs.tables import with_tables
-from glbench.evaluation import load_result
+from glbench.evaluation import Result, load_result
 from glbench.tasks import list_tasks
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -35,22 +35,37 @@ ROWS = (
     Row("predictive control, nominal, 6 h", "mpc_lettuce", "`NominalMPC`, horizon 12", ("3.62", "2.13 ± 0.02 (3 seeds)")),
     Row("predictive control, three draws, 6 h", "mpc_scenario_lettuce"),
     Row("predictive control, end value, 3 h", "mpc_value_lettuce"),
+    Row("imitation of three draws, 6 h", "imitation_lettuce"),
     Row("SAC, 13 steps of weather", "", "SAC, 192k steps", ("2.89", "2.35 ± 0.03 (10 seeds)")),
     Row("PPO, weather of now", "", "PPO, 1M steps", ("2.36", "")),
 )
 
 
+def results_of(task: str, baseline: str) -> list[Result]:
+    """Released results of a baseline and of its other trainings."""
+    files = [RESULTS / task / f"{baseline}.json", *sorted((RESULTS / task).glob(f"{baseline}_seed*.json"))]
+    return [load_result(file) for file in files if file.is_file()]
+
+
 def score(task: str, baseline: str) -> str:
-    """Mean reward and, of several runs, its standard deviation and their number; a dash without a result."""
-    file = RESULTS / task / f"{baseline}.json"
-    if not file.is_file():
+    """Mean reward and, of several runs, their standard deviation within a training and their number; a dash without a result."""
+    results = results_of(task, baseline)
+    if not results:
         return "–"
-    rewards = np.array([run.metrics["reward"] for run in load_result(file).runs])
-    if len(rewards) == 1:
-        return minus(f"{rewards[0]:.2f}")
+    rewards = np.array([[run.metrics["reward"] for run in result.runs] for result in results])
+    trainings, count = rewards.shape
+    if count == 1:
+        return minus(f"{rewards.mean():.2f}")
     whole = next(one.evaluation.runs for one in list_tasks() if one.short_id == task)
-    runs = f"{len(rewards)} of {whole}" if len(rewards) < whole else whole
-    return minus(f"{rewards.mean():.2f} ± {rewards.std(ddof=1):.2f} ({runs} runs)")
+    runs = f"{count} of {whole}" if count < whole else whole
+    runs = f"{trainings} trainings, {runs}" if trainings > 1 else runs
+    return minus(f"{rewards.mean():.2f} ± {rewards.std(axis=1, ddof=1).mean():.2f} ({runs} runs)")
+
+
+def decision(baseline: str) -> str:
+    """Mean time of a decision for one run [ms], with redrawn coefficients."""
+    times = [result.evaluation.decision_milliseconds for result in results_of(TASKS[1], baseline)]
+    return (f"{np.mean(times):.0f}" if np.mean(times) >= 10.0 else f"{np.mean(times):.2g}") if times else "–"
 
 
 def minus(number: str) -> str:
@@ -61,11 +76,11 @@ def minus(number: str) -> str:
 def filled(page: str) -> str:
     """The page with the table of what is released now."""
     lines = [
-        "| controller | baseline | nominal coefficients | redrawn within 5 % | published as | nominal | redrawn |",
-        "|---|---|---:|---:|---|---:|---:|",
+        "| controller | baseline | nominal coefficients | redrawn within 5 % | decision, ms | published as | nominal | redrawn |",
+        "|---|---|---:|---:|---:|---|---:|---:|",
     ]
     for row in ROWS:
-        ours = [score(task, row.baseline) if row.baseline else "–" for task in TASKS]
+        ours = [*(score(task, row.baseline) for task in TASKS), decision(row.baseline)] if row.baseline else ["–"] * 3
         theirs = [minus(one) or "–" for one in row.published]
         name = f"`{row.baseline}`" if row.baseline else "–"
         lines.append(f"| {' | '.join((row.words, name, *ours, row.published_name or '–', *theirs))} |")

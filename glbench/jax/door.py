@@ -134,6 +134,5 @@ def _make_pointers(
 
 
 def _not_served(task: TaskSpec, reason: str) -> TaskError:
-    return TaskError(
-        f"glbench.jax cannot step {task.id}: {reason}. Use glbench.env.GreenhouseVectorEnv, which steps every task on every machine."
-    )
+    advice = "Use glbench.env.GreenhouseVectorEnv, which steps every task on every machine."
+    return TaskError(f"glbench.jax cannot step {task.id}: {reason.removesuffix('.')}. {advice}")

@@ -120,7 +120,7 @@ class TrainingData(FrozenModel):
     def words(self) -> str:
         """``GreenhouseReal-v1, training split, 2008 to 2010``; ``unknown`` where nothing is stated."""
         if self.split == "none":
-            return "not trained on any season"
+            return "no training recorded"
         parts = [task.rpartition("/")[2] for task in self.tasks]
         parts += [f"{self.split} split"] if self.split else []
         parts += [_years(self.years)] if self.years else []

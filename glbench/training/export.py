@@ -13,7 +13,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from stable_baselines3.common.vec_env import VecNormalize
-from stable_baselines3.sac.policies import SACPolicy
+from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
 from glbench.agents.network_policy import ACTIVATIONS, NetworkPolicy, read_policy
@@ -114,9 +114,12 @@ def actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
     if isinstance(policy, ActorCriticPolicy) and not policy.use_sde:
         parts: list[nn.Module] = [*policy.mlp_extractor.policy_net, policy.action_net]
         return (*_layers(parts), "clip")
-    if isinstance(policy, SACPolicy) and not policy.actor.use_sde:
-        return (*_layers([*policy.actor.latent_pi, policy.actor.mu]), "tanh")
-    msg = f"The policy of {type(model).__name__} ({type(policy).__name__}) cannot be exported: only those of PPO's and SAC's kind can."
+    actor: Any = getattr(policy, "actor", None)
+    if isinstance(policy, TD3Policy):
+        return (*_layers(list(actor.mu)[:-1]), "tanh")  # the tanh comes last
+    if hasattr(actor, "latent_pi") and not actor.use_sde:
+        return (*_layers([*actor.latent_pi, actor.mu]), "tanh")
+    msg = f"The policy of {type(model).__name__} ({type(policy).__name__}) cannot be exported: only those like PPO's, SAC's and TD3's can."
     raise TrainingError(msg)
 
 
@@ -160,12 +163,16 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task
         its, ours = (f"clipped at {one:g}" if one < _UNLIMITED else "not normalised" for one in (policy.clip, clip))
         msg = f"The training cannot start from {file}: its observations are {its}; with these settings they are {ours}. Change 'normalize'."
         raise TrainingError(msg)
+    ratio = np.ones(shapes[0][0])
+    if normalization.norm_obs:
+        normalization.columns.take(policy.mean, policy.scale, normalization.epsilon, _WEIGHT)
+        narrow = policy.scale**2 < normalization.epsilon  # scales that VecNormalize cannot have: the first layer makes up for them
+        ratio = np.where(narrow, normalization.scale / policy.scale, 1.0)
     with torch.no_grad():
         for layer, matrix, bias in zip(layers, policy.weights, policy.biases, strict=True):
             layer.weight.copy_(torch.from_numpy(matrix.T.copy()))
             layer.bias.copy_(torch.from_numpy(bias.copy()))
-    if normalization.norm_obs:
-        normalization.columns.take(policy.mean, policy.scale, normalization.epsilon, _WEIGHT)
+        layers[0].weight.mul_(torch.from_numpy(ratio.astype(np.float32)))
 
 
 def _sizes(shapes: list[Any]) -> str:

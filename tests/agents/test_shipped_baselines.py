@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
+from baselines.imitate import ALGORITHM, read_imitation
 from glbench.agents.baselines import read_baseline
 from glbench.agents.rules import RuleSettings
 from glbench.agents.tuned_rules import read_rule_page
@@ -63,6 +64,9 @@ def test_a_shipped_training_is_of_the_settings_beside_it_but_for_their_seeds_and
         evaluation = today.evaluation.model_copy(update={"first_seed": card["best"]["evaluation_seeds"][0]})
         then = today.model_copy(update={"first_env_seed": training["first_env_seed"], "evaluation": evaluation})
         assert training["settings_digest"] == settings_digest(then)
+    elif algorithm == ALGORITHM:
+        assert training["settings_digest"] == read_imitation(settings).digest
+        assert training["first_env_seed"] >= FIRST_TRAINING_SEED
     elif file.parts[-3].startswith("ppo_harvest"):  # the last of several stages: what it starts from is not shipped
         assert training["settings_digest"] == read_season_search(settings, task.id, settings).digest_from(card["start"]["digest"])
         assert training["split"] == "training"

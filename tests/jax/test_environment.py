@@ -290,7 +290,7 @@ def test_a_task_with_parts_in_python_is_not_served(day: TaskSpec) -> None:
 def test_without_a_compiler_the_reason_is_said(day: TaskSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(door, "make_kernel", lambda *given, **named: make_kernel(*given, **named, backend="casadi"))
     monkeypatch.setattr(door, "why_not_compiled", lambda model: "There is no C++ compiler here.")
-    with pytest.raises(TaskError, match=r"cannot step test/Day-v1: There is no C\+\+ compiler here"):
+    with pytest.raises(TaskError, match=r"cannot step test/Day-v1: There is no C\+\+ compiler here\. Use "):
         Environment(day)
 
 

@@ -52,6 +52,27 @@ def test_the_exported_policy_answers_as_stable_baselines3_to_a_millionth(algorit
     np.testing.assert_allclose(ours, torch_action(model, normalization, seen), rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("algorithm", ["stable_baselines3.TD3", "stable_baselines3.DDPG", "sb3_contrib.TQC"])
+def test_actors_like_those_of_sac_and_td3_are_exported(algorithm: str, day: TaskSpec, tmp_path: Path) -> None:
+    file = tmp_path / "actor.yml"
+    file.write_text("default: {n_envs: 8, policy_kwargs: {net_arch: {pi: [64, 64], qf: [16]}}}", encoding="utf-8")
+    normalization = model_of("sac", day)[1]
+    model = make_model(read_settings(file, algorithm, day.id), normalization, 0)
+    observations = spread(normalization, 200)
+    ours = export_policy(model, normalization, day, {}).act(observations)
+    assert np.ptp(ours, axis=0).min() > 0.001
+    np.testing.assert_allclose(ours, torch_action(model, normalization, observations), rtol=0, atol=1e-6)
+
+
+def test_what_stands_between_the_layers_of_crossq_is_refused(day: TaskSpec, tmp_path: Path) -> None:
+    file = tmp_path / "crossq.yml"
+    file.write_text("default: {n_envs: 8}", encoding="utf-8")
+    normalization = model_of("sac", day)[1]
+    model = make_model(read_settings(file, "sb3_contrib.CrossQ", day.id), normalization, 0)
+    with pytest.raises(TrainingError, match=r"BatchRenorm1d.*cannot be exported"):
+        export_policy(model, normalization, day, {})
+
+
 def test_an_exported_model_is_an_agent_for_its_task(algorithm: str, day: TaskSpec, tmp_path: Path) -> None:
     model, normalization = model_of(algorithm, day)
     model.save(tmp_path / "model.zip")

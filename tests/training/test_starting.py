@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,24 @@ def test_it_acts_at_once_as_the_policy_did(day: TaskSpec, tiny: TrainingSettings
     assert np.abs(torch_action(model, normalization, observations) - read_policy(file).act(observations)).max() > 0.01
     begin_with(file, model, normalization, day)
     np.testing.assert_allclose(torch_action(model, normalization, observations), read_policy(file).act(observations), atol=1e-6)
+
+
+def test_columns_of_a_scale_below_that_of_the_normalisation_count_as_they_did(day: TaskSpec, first: Path, tmp_path: Path) -> None:
+    """As densities in kg m-3: VecNormalize divides by no less than 1e-4."""
+    policy = read_policy(first / "policy.npz")
+    mean, scale = policy.mean.copy(), policy.scale.copy()
+    mean[1], scale[1] = 0.0, 6e-5
+    narrow = replace(policy, mean=mean, scale=scale)
+    (tmp_path / "narrow.npz").write_bytes(narrow.to_bytes())
+    env = TrainingVecEnv(day, 2)
+    normalization = Normalizer(env)
+    model = make_model(read_settings(first / "settings.yml", "ppo", day.id), normalization, 7)
+    begin_with(tmp_path / "narrow.npz", model, normalization, day)
+    observations = env.reset().repeat(20, axis=0)
+    observations[:, 1] = np.linspace(-3e-4, 3e-4, len(observations))
+    expected = narrow.act(observations)
+    assert np.ptp(expected, axis=0).max() > 0.01
+    np.testing.assert_allclose(torch_action(model, normalization, observations), expected, atol=1e-3)
 
 
 def test_the_card_says_from_what_it_started(day: TaskSpec, first: Path, tmp_path: Path) -> None:

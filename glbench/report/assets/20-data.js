@@ -136,7 +136,8 @@ const ranked = (taskId) => {
   if (!pricesDiffer(TASKS[taskId])) return results.map((result) => ({ result, rank: result.rank }));
   const metric = TASKS[taskId].metric, figure = (result) => estimate(result, metric).mean;
   const complete = results.filter((result) => result.rank !== null && valuesOf(result, metric)).sort((a, b) => figure(b) - figure(a));
-  const ranks = tierRanks(complete.map((result) => ({ trainings: valuesByTraining(result, metric), fixed: isFixed(result) })), metric);
+  const resolution = metric === SCORE && TASKS[taskId].reward_modules.includes("scaled_epi") ? D.resolution : 0;
+  const ranks = tierRanks(complete.map((result) => ({ trainings: valuesByTraining(result, metric), fixed: isFixed(result) })), resolution);
   return [...complete.map((result, i) => ({ result, rank: ranks[i] })), ...results.filter((result) => !complete.includes(result)).map((result) => ({ result, rank: null }))];
 };
 

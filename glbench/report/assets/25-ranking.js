@@ -74,10 +74,10 @@ const intervalOf = ({ value, variance: square, degrees }) => {
 };
 const interval = (values) => intervalOf(estimateMean([[values]]));
 
-// Where nothing is drawn, small differences are rounding.
-const pairedTest = (one, other, metric) => {
+// Where nothing is drawn, differences up to `resolution` are rounding.
+const pairedTest = (one, other, resolution) => {
   const { value, variance: square, degrees, same } = estimateMean([one.trainings, other.trainings], [one.fixed, other.fixed]);
-  if (degrees === 0 || value === 0 || (same && Math.abs(value) <= (metric === SCORE ? D.resolution : 0))) return 1;
+  if (degrees === 0 || value === 0 || (same && Math.abs(value) <= resolution)) return 1;
   return square > 0 ? tailsOf(value / Math.sqrt(square), degrees) : 0;
 };
 
@@ -89,9 +89,9 @@ const correctedValues = (values) => {
 };
 
 // Ranks of complete results that are ordered by the mean: those that cannot be told apart from the first of a tier share its rank.
-const tierRanks = (rows, metric) => {
+const tierRanks = (rows, resolution) => {
   const pairs = rows.flatMap((_, i) => rows.slice(i + 1).map((_, k) => [i, i + 1 + k]));
-  const adjusted = correctedValues(pairs.map(([i, j]) => pairedTest(rows[i], rows[j], metric))), apart = new Set(pairs.filter((_, k) => adjusted[k] < 0.05).map(String)), ranks = [];
+  const adjusted = correctedValues(pairs.map(([i, j]) => pairedTest(rows[i], rows[j], resolution))), apart = new Set(pairs.filter((_, k) => adjusted[k] < 0.05).map(String)), ranks = [];
   let first = 0;
   rows.forEach((_, i) => { if (i && apart.has(String([first, i]))) first = i; ranks.push(first + 1); });
   return ranks;
