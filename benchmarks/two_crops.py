@@ -33,7 +33,7 @@ from glbench.errors import GlbenchError, TrainingError, refuse
 from glbench.resources import data_folder, write_atomically
 from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.training.algorithms import make_model
-from glbench.training.card import CARD, POLICY, TrainingFacts, settings_digest, to_toml, training_table, write_card
+from glbench.training.card import CARD, POLICY, TrainingFacts, read_card, settings_digest, to_toml, training_table, write_card
 from glbench.training.periodic_evaluation import CURVE, History, Probe, ProbeResult
 from glbench.training.run import prepare_torch
 from glbench.training.settings import TrainingSettings, read_settings
@@ -100,7 +100,12 @@ class Training:
         return Mixed(parts, [task_card(task).observation_names for task in self.tasks.values()])
 
     def is_done(self, folder: Path) -> bool:
-        return all((folder / name / CARD).is_file() for name in self.tasks)
+        """Whether ``folder`` holds it to its end. Raises ``TrainingError`` when it holds one with other settings."""
+        cards = {name: read_card(folder / name / CARD) for name in self.tasks}
+        for name, card in cards.items():
+            if card is not None and card["training"]["settings_digest"] != settings_digest(self.settings[name]):
+                refuse(f"{folder} holds a training with other settings. Choose another folder with --work.", TrainingError)
+        return all(cards.values())
 
     def carry_out(self, folder: Path) -> History:
         """Train in ``folder``, which has a folder for each task in the end: an agent of it."""
@@ -112,8 +117,8 @@ class Training:
         choice.finish()
         env.close()
         for name, task in self.tasks.items():
-            write_card(folder / name, task, self.facts(name, model.num_timesteps), self.common.evaluation, choice.history)
             choice.history.write_curve(folder / name)
+            write_card(folder / name, task, self.facts(name, model.num_timesteps), self.common.evaluation, choice.history)
         return choice.history
 
     def facts(self, name: str, steps: int) -> TrainingFacts:

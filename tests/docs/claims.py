@@ -1414,7 +1414,7 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: more_on_test(*OF_CROPS[::-1], "Spring-v1"),
         ),
         ("and on `Lettuce-v1` {} ({} to {}) less:", lambda: more_on_test(*OF_CROPS[::-1], "Lettuce-v1")),
-        ("on `Lettuce-v1` it is {} ({} to {}) ahead", lambda: more_on_test(OF_CROPS[0], "ppo_fast", "Lettuce-v1")),
+        ("on `Lettuce-v1` it is {} ({} to {}) behind", lambda: more_on_test(OF_CROPS[0], "ppo_fast", "Lettuce-v1")),
         ("{} more on tomatoes and {} less on lettuce", after_the_choice),
     ],
     "docs/uncertainty.md": [

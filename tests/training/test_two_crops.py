@@ -106,6 +106,8 @@ def test_trainings_are_made_once_and_shipped_for_each_task(settings: Path, tmp_p
     assert [file.parent.parent.name for file in policies] == ["lettuce-seed1", "spring-seed1", "two_crops-seed1", "two_crops-seed1"]
     monkeypatch.setattr(Training, "carry_out", None)
     assert main(command) == 0
+    (tmp_path / "other.yml").write_text(SETTINGS.replace("batch_size: 48", "batch_size: 24"))
+    assert main([*command, "--settings", str(tmp_path / "other.yml")]) == 1
     for recipe in ("ppo_two_crops", "ppo_one_crop"):
         (tmp_path / "baselines" / recipe).mkdir(parents=True)
         (tmp_path / "baselines" / recipe / "card.in.toml").write_text(
