@@ -94,6 +94,8 @@ DUELS = (
     *((task, "ppo_long", "ppo_memory") for task in CONTROL[:3]),
 )  # fmt: skip
 """Pairs that are compared besides those with the tuned rules."""
+CROPS = ("ppo_two_crops", "ppo_one_crop", "ppo_fast", "rule_based_tuned")
+"""One policy for two crops, and what it is compared with, on ``Spring-v1`` and ``Lettuce-v1``."""
 OF_THE_PAPER = ("rule_based_fair", "ppo", "sac", "ppo_tuned", "rule_based_tuned", "ppo_fast", "mpc")
 SENSORS = {
     "without_relative_humidity": "hygrometer",
@@ -177,6 +179,7 @@ class Study:
             "costs": self.costs(),
             "noise": self.grid(NOISE, OF_THE_PAPER, 0),
             "transfer": self.grid(TRANSFER, AGENTS, 2),
+            "crops": self.crops(),
             "trainings": self.trainings(),
             "effort": self.effort(),
         }
@@ -259,6 +262,24 @@ class Study:
             if any(cells):
                 rows.append([f"`{agent}`", *("–" if row is None else f"{row.means[RANKING_METRIC]:,.{digits}f}" for row in cells)])
         return _table(["", *(f"`{task}`" for task in columns)], rows, words=1)
+
+    def crops(self) -> str:
+        """The policy for two crops beside specialists and rules: scores, and what it earns more than each, run by run."""
+        cells, (both, *_) = [], CROPS
+        for task in CONTROL[-2:]:
+            rows = self.rows(task, CROPS)
+            for agent in (agent for agent in CROPS if agent in rows):
+                row, score = rows[agent], score_of(rows[agent])
+                each = ", ".join(f"{one.means[RANKING_METRIC]:.2f}" for one in row.results) if len(row.results) > 1 else "–"
+                lead = ["–", "–"]
+                if agent != both:
+                    more = self.more(task, both, agent)
+                    lead = [_signed(more.value), f"{_signed(more.low)} to {_signed(more.high)}"]
+                cells.append(
+                    [f"`{task}`", f"`{agent}`", f"{score.value:.2f}", f"{score.low:.2f} to {score.high:.2f}", each, *_training(row), *lead]
+                )
+        head = ["task", "agent", "score", "95 %", "each training", "million steps", "minutes", f"`{both}` earns more", "95 %"]
+        return _table(head, cells, words=2)
 
     def trainings(self) -> str:
         """Scores of the single trainings of every recipe, on the test split, with what they took."""

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from pandas import read_csv
 
 from benchmarks import factors
 from docs import (
@@ -337,6 +338,19 @@ def more_on_test(first: str, second: str, task: str = study_figures.REAL) -> tup
     """What an agent earns more than another on the test split of a task, and the ends of the interval [EUR m-2]."""
     span = of_study(task).more(task, first, second)
     return span.value, span.low, span.high
+
+
+OF_CROPS = ("ppo_two_crops", "ppo_one_crop")
+
+
+def after_the_choice() -> tuple[float, ...]:
+    """What the policy for two crops scores more on tomatoes, and less on lettuce, at its last step than at the chosen one [EUR m-2]."""
+    changes = []
+    for seed in ("", "_seed1", "_seed2"):
+        curve = read_csv(ROOT / f"baselines/ppo_two_crops{seed}/training/lettuce.csv")
+        changes.append(curve[["spring", "lettuce"]].iloc[-1] - curve[["spring", "lettuce"]][curve["best"] == 1].iloc[-1])
+    more, change = np.mean(changes, axis=0).tolist()
+    return more, -change
 
 
 def step_of_planner(task: str) -> tuple[float, ...]:
@@ -1403,6 +1417,8 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: prices_of_sensors("without_relative_humidity", "without_pipe_temperature", "without_co2", "without_registration")[::3],
         ),
         ("policies that do not see them earn {} ({} to {}) less", lambda: prices_of_sensors("without_prices", task="WinterLED-v2")),
+        ("earns {} ({} to {}) less than tomato specialists", lambda: more_on_test(*OF_CROPS[::-1], "Spring-v1")),
+        ("and {} ({} to {}) less than lettuce specialists", lambda: more_on_test(*OF_CROPS[::-1], "Lettuce-v1")),
     ],
     "docs/study-tables.md": [
         (
@@ -1415,6 +1431,13 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         ("chosen over {} validation runs instead of {}.", lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory"))),
+        (
+            "On `Spring-v1` the policy for two crops earns {} EUR/m² ({} to {}) less than",
+            lambda: more_on_test(*OF_CROPS[::-1], "Spring-v1"),
+        ),
+        ("and on `Lettuce-v1` {} ({} to {}) less:", lambda: more_on_test(*OF_CROPS[::-1], "Lettuce-v1")),
+        ("on `Lettuce-v1` it is {} ({} to {}) behind", lambda: more_on_test(OF_CROPS[0], "ppo_fast", "Lettuce-v1")),
+        ("{} more on tomatoes and {} less on lettuce", after_the_choice),
     ],
     "docs/uncertainty.md": [
         ("forecasts are {} W/m2 too low by day,\n{} % of the radiation that came", radiation_bias),
