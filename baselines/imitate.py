@@ -3,8 +3,8 @@
     python baselines/imitate.py baselines/imitation_lettuce/imitation.yml --task LettuceClassic-Delta05-v1 --out runs/imitation
 
 It is dataset aggregation (DAgger, Ross, Gordon and Bagnell 2011). In the first round the teacher acts; in later ones the policy acts, and
-the teacher says what it would do in its place. After each round a new network is fitted to all rounds, and evaluated on seeds that are not
-scored; the best one is kept. Rounds are saved: the same command continues after an interruption, to the same weights.
+the teacher's action for the same observations is recorded. After each round a new network is fitted to the data of all rounds and evaluated
+on seeds that are not scored; the best one is kept. Rounds are saved: after an interruption the same command gives the same weights.
 """
 
 from __future__ import annotations
@@ -44,6 +44,9 @@ from glbench.training.run import prepare_torch
 from glbench.training.settings import EvaluationPlan, FrozenSettings, TrainingSeed
 
 ALGORITHM, ROUND = "dagger", "round-{}.npz"
+SOURCE = (
+    "Ross, Gordon and Bagnell (2011). A reduction of imitation learning and structured prediction to no-regret online learning. AISTATS"
+)
 EPSILON = 1e-8  # Added to the variance of a column, as Stable-Baselines3 does
 Count = Annotated[int, Field(gt=0)]
 
@@ -168,9 +171,9 @@ def facts(task: TaskSpec, settings: ImitationSettings, seed: int, steps: int) ->
     """What the card says of an imitation of ``steps`` steps."""
     return TrainingFacts(
         title=f"Imitation of {settings.teacher} on {task.id}, seed {seed}",
-        description=f"The best of {settings.rounds} policies, each fitted to what {settings.teacher} would do where those before it came.",
+        description=f"The best of {settings.rounds} policies, each fitted to the actions of {settings.teacher} in all seasons so far.",
         command="baselines/imitate.py, with the settings in settings.yml; the tables below tell the rest.",
-        sources=("Ross, Gordon and Bagnell (2011). A reduction of imitation learning to no-regret online learning. AISTATS",),
+        sources=(SOURCE,),
         training={
             **training_table(ALGORITHM, settings, settings.digest, seed, steps),
             "teacher": settings.teacher,

@@ -243,7 +243,7 @@ def _ship(job: Job, folder: Path) -> None:
     if job.seed:
         card["title"] += f"; training seed {job.seed}"
         card["made"] = card["made"].replace("--seed 0", f"--seed {job.seed}").replace("_seed0", f"_seed{job.seed}")
-        levels = "" if job.recipe in COMPILED else ", for uncertainties of 0, 10 and 30 % only"
+        levels = ", for uncertainties of 0, 10 and 30 % only" if job.recipe in ("ppo", "sac") else ""
         card["description"] = f"As {job.recipe}, trained with seed {job.seed}{levels}."
     card["training"] = {"recipe": job.recipe, "seed": job.seed}
     write_atomically(home / CARD, to_toml(card))

@@ -26,7 +26,7 @@ Reals = NDArray[np.floating[Any]]
 class Greenhouses(TrainingVecEnv):
     """Greenhouses of a task whose actions are positions of controls, as ``Actor`` has them: 0 to 1, reached as fast as the task allows.
 
-    The first episode of each row ends early, each at another part of the season, so that rollouts see all of it from then on.
+    The first episode of every row but the last is cut short, each at a different step, so that rollouts then cover all of the season.
     """
 
     def __init__(self, task: TaskSpec, settings: TrainingSettings) -> None:

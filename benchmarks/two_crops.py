@@ -4,11 +4,11 @@
     python -m benchmarks.two_crops --work FOLDER --ship      # puts what is done into baselines/
 
 `benchmarks/two_crops.yml` has the settings. Half of the greenhouses of the policy for both crops grow tomatoes, half lettuce. It sees the
-columns of both tasks and one that says which crop grows; columns that a task does not show are at their mean. In one task all of these
-are constants, so they join the first bias: what is left is an ordinary policy of that task, which is what the baselines hold.
+observations of both tasks and one input that says which crop grows; observations that a task lacks are 0 after normalisation. Within one
+task these inputs are constant, so they are added to the first bias. The result is an ordinary policy for that task, as baselines hold it.
 
-The best policy is chosen on the validation splits. For both crops this is the one with the highest mean of the two scores [EUR m-2], as for
-a grower with as much of one crop as of the other. This was fixed before any training. No test split is seen here.
+The best policy is chosen on the validation splits. For two crops this is the policy with the highest mean of the two scores [EUR m-2], as
+for a grower with equal areas of both crops. This script uses no test split.
 """
 
 from __future__ import annotations
@@ -223,7 +223,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"two_crops.py: {error}\n")
         return 1
     except KeyboardInterrupt:
-        sys.stderr.write("Interrupted. The same command continues: what is finished is not repeated.\n")
+        sys.stderr.write("Interrupted. The same command skips finished trainings and starts the interrupted one again.\n")
         return 130
     return 0
 

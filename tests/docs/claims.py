@@ -1436,6 +1436,11 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: more_on_test(*OF_CROPS[::-1], "Spring-v1"),
         ),
         ("and on `Lettuce-v1` {} ({} to {}) less:", lambda: more_on_test(*OF_CROPS[::-1], "Lettuce-v1")),
+        (
+            "on `Spring-v1` it earns {} EUR/m² ({} to {}) less than the tuned rules",
+            lambda: more_on_test("rule_based_tuned", OF_CROPS[0], "Spring-v1"),
+        ),
+        ("On `Spring-v1` it earns {} EUR/m² ({} to {}) more than", lambda: more_on_test("ppo_fast", OF_CROPS[0], "Spring-v1")),
         ("on `Lettuce-v1` it is {} ({} to {}) behind", lambda: more_on_test(OF_CROPS[0], "ppo_fast", "Lettuce-v1")),
         ("{} more on tomatoes and {} less on lettuce", after_the_choice),
     ],
