@@ -118,7 +118,7 @@ def mean(agent: str, level: int, metric: str = "reward", family: str = "Schiphol
     return float(runs(agent, level, metric, family).mean())
 
 
-def gain(agent: str, other: str, metric: str = "reward", level: int = 5) -> float:
+def classic_gain(agent: str, other: str, metric: str = "reward", level: int = 5) -> float:
     """A metric of an agent above that of another, run by run, on the suite lettuce-classic; of imitation the mean over its trainings."""
     names = [agent] if agent != "imitation_lettuce" else [agent, f"{agent}_seed1", f"{agent}_seed2"]
     first, second = (np.array([runs(name, level, metric, "LettuceClassic") for name in one]) for one in (names, [other]))
@@ -128,7 +128,7 @@ def gain(agent: str, other: str, metric: str = "reward", level: int = 5) -> floa
 def classic(level: int) -> tuple[float, float]:
     """What scenario control and its imitation earn on the suite lettuce-classic [EUR m-2]."""
     scenario = mean("mpc_scenario_lettuce", level, family="LettuceClassic")
-    return scenario, scenario + gain("imitation_lettuce", "mpc_scenario_lettuce", level=level)
+    return scenario, scenario + classic_gain("imitation_lettuce", "mpc_scenario_lettuce", level=level)
 
 
 def decisions(*agents: str) -> tuple[float, ...]:
@@ -1187,15 +1187,16 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "gains {} over nominal control, run by run: violations cost {} less, and profit is {} lower",
             lambda: tuple(
-                sign * gain("mpc_scenario_lettuce", "mpc_lettuce", what) for what, sign in (("reward", 1.0), ("penalty", -1.0), ("epi", -1.0))
+                sign * classic_gain("mpc_scenario_lettuce", "mpc_lettuce", what)
+                for what, sign in (("reward", 1.0), ("penalty", -1.0), ("epi", -1.0))
             ),
         ),
-        ("earns {} less than its teacher, run by run", lambda: -gain("imitation_lettuce", "mpc_scenario_lettuce")),
+        ("earns {} less than its teacher, run by run", lambda: -classic_gain("imitation_lettuce", "mpc_scenario_lettuce")),
         (
             "takes {} ms instead of {} ms for a decision. The network",
             lambda: tuple(sorted(decisions("imitation_lettuce", "mpc_scenario_lettuce"))),
         ),
-        ("it earns {} less than its teacher", lambda: -gain("imitation_lettuce", "mpc_scenario_lettuce", level=0)),
+        ("it earns {} less than its teacher", lambda: -classic_gain("imitation_lettuce", "mpc_scenario_lettuce", level=0)),
         ("with redrawn coefficients ({}, {} and 2.35) and with nominal ones ({}, {} and 2.89)", lambda: (*classic(5), *classic(0))),
         (
             "`mpc_value_lettuce` earns {} less than",
