@@ -106,7 +106,7 @@ def write_table(file: Path, to: Path) -> None:
         buffer = io.BytesIO()
         frame.to_parquet(buffer)
         write_atomically(to, buffer.getvalue())
-    console.tell(f"Written: {to} ({len(frame)} steps, {frame.shape[1]} columns)")
+    console.tell(f"Written: {to} ({len(frame)} of {frame.attrs['steps']} steps, {frame.shape[1]} columns)")
 
 
 def write_dataset_of(

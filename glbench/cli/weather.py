@@ -337,7 +337,7 @@ def description(record: WeatherRecord) -> Iterator[console.Part]:
     moments = (record.last.replace(month=month, day=1).astimezone(zone) for month in (1, 7))
     hours = sorted({(moment.utcoffset() or dt.timedelta()) / dt.timedelta(hours=1) for moment in moments})
     shift = " h or ".join(f"{abs(hour):g}" for hour in hours)
-    clock = f"{shift} h {'ahead' if hours[-1] >= 0 else 'behind'}{', with summer time' if len(hours) > 1 else ''}"
+    clock = f"{shift} h {'ahead' if hours[0] >= 0 else 'behind'}{', with summer time' if len(hours) > 1 else ''}"
     where = f"{degrees(place.latitude, 'N', 'S')}, {degrees(place.longitude, 'E', 'W')}, {place.altitude:g} m"
     facts = [
         ("name", record.name),

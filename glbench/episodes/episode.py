@@ -152,6 +152,7 @@ class Episode:
             agent=self.provenance.agent.name,
             seed=self.run.seed,
             status=self.run.status,
+            steps=self.run.steps,
             units={column.name: column.unit for column in listed},
             meanings={column.name: column.meaning for column in listed},
             start=starting,
@@ -471,6 +472,8 @@ class Weeks:
 def weeks_of(run: Recorded, signals: Signals, local: NDArray[np.datetime64]) -> Weeks:
     """The accounts of a run by week; ``local`` as for ``local_days``."""
     days = local_days(local)
+    if not len(days):
+        refuse("The run has no steps to show.", EpisodeError)
     weeks = days // _DAYS
     count = int(weeks[-1]) + 1
     lengths = np.bincount(np.unique(days) // _DAYS, minlength=count)

@@ -168,6 +168,8 @@ def _of_one_task(episodes: Sequence[Episode]) -> Signals:
     tasks = sorted({one.provenance.task.id for one in episodes})
     if len(tasks) > 1:
         refuse(f"Only runs of the same task can be drawn together; these are of {', '.join(tasks)}.", EpisodeError)
+    if not all(one.steps for one in episodes):
+        refuse("A run that ended before its first step has nothing to draw.", EpisodeError)
     signals = signals_of(episodes[0].task())
     return signals.lacking(name for name in signals.needed if any(name not in one.names for one in episodes))
 

@@ -177,13 +177,20 @@ class Replay:
 
 
 def replayed_episodes(task: TaskSpec, log: ActionLog, rows: Sequence[int], kernel: Stepper | None = None) -> Iterator[Episode]:
-    """Full episodes of the runs ``rows`` of ``log``, simulated again. Raises ``ActionError`` when an action is none of the task's."""
-    replay = Replay(task, log, rows, kernel)
+    """Full episodes of the runs ``rows`` of ``log``, simulated again; ``task`` must be in the split of the record, ``log.task().scored``.
+
+    Raises ``ActionError`` when an action is none of the task's, ``EpisodeError`` when the rewards are other than the record's.
+    """
+    replay, rewards = Replay(task, log, rows, kernel), list[NDArray[np.float64]]()
     trace = Trace(replay.simulation)
     for outcome in replay.steps():
         trace.add(replay.simulation, outcome)
+        rewards.append(outcome.rewards.copy())
     for place, row in enumerate(rows):
         run = log.runs[row]
+        if not np.allclose([one[place] for one in rewards[: run.steps]], log.rewards[: run.steps, row], rtol=1e-3, atol=1e-3):
+            msg = f"Seed {run.seed} has other rewards than recorded: other seasons. Take the task in its split: log.task().scored."
+            raise EpisodeError(msg)
         yield trace.episode(task, place, log.provenance, run, log.actions[: run.steps, row])
 
 

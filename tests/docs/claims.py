@@ -1197,10 +1197,7 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         ("earns {} less than its teacher, run by run", lambda: -classic_gain("imitation_lettuce", "mpc_scenario_lettuce")),
-        (
-            "takes {} ms instead of {} ms for a decision",
-            lambda: tuple(sorted(decisions("imitation_lettuce", "mpc_scenario_lettuce"))),
-        ),
+        ("takes {} ms instead of {} ms for a decision", lambda: tuple(sorted(decisions("imitation_lettuce", "mpc_scenario_lettuce")))),
         (
             "**PPO** earns {} with redrawn coefficients, {} less than nominal predictive control, and {} with nominal ones",
             lambda: (trainings_of_ppo(5), mean("mpc_lettuce", 5, family="LettuceClassic") - trainings_of_ppo(5), trainings_of_ppo(0)),

@@ -25,7 +25,7 @@ from glbench.episodes import (
 from glbench.episodes.recorder import Trace, bytes_a_step
 from glbench.episodes.rerun_recording import card, local, save_recording, show_together, shown_of
 from glbench.episodes.signals import signals_of
-from glbench.errors import GlbenchError, TaskError
+from glbench.errors import EpisodeError, GlbenchError, TaskError
 from glbench.evaluation import evaluate, result_path
 from glbench.model import get_model
 from glbench.tasks import TaskSpec, get_task
@@ -168,6 +168,12 @@ def test_the_times_and_the_weather_of_a_record_are_those_of_its_run(lettuce: Let
         assert episode.tables["weather"].tobytes() == weather.values[: episode.steps].tobytes()
         starts.add(str(episode.times[0]))
     assert len(starts) == 3
+
+
+def test_a_replay_in_another_split_than_the_records_is_refused(lettuce: Lettuce) -> None:
+    log = read_log(actions_path(lettuce.result))
+    with pytest.raises(EpisodeError, match=r"other rewards than recorded.*log\.task\(\)\.scored"):
+        list(replayed_episodes(log.task(), log, range(1)))
 
 
 def test_a_record_is_recovered_and_replayed_to_the_bit(lettuce: Lettuce, tmp_path: Path) -> None:
