@@ -3,8 +3,8 @@
     python -m benchmarks.two_crops --work FOLDER             # trains what is missing; may be interrupted
     python -m benchmarks.two_crops --work FOLDER --ship      # puts what is done into baselines/
 
-`benchmarks/two_crops.yml` has the settings. Half of the greenhouses of the policy for both crops grow tomatoes, half lettuce. It sees the
-observations of both tasks and one input that says which crop grows; observations that a task lacks are 0 after normalisation. Within one
+`baselines/ppo_two_crops/two_crops.yml` has the settings. Half of the greenhouses of the policy for both crops grow tomatoes, half lettuce.
+It sees the observations of both tasks and one input that says which crop grows; observations that a task lacks are 0 after normalisation. Within one
 task these inputs are constant, so they are added to the first bias. The result is an ordinary policy for that task, as baselines hold it.
 
 The best policy is chosen on the validation splits. For two crops this is the policy with the highest mean of the two scores [EUR m-2], as
@@ -39,7 +39,7 @@ from glbench.training.run import prepare_torch
 from glbench.training.settings import TrainingSettings, read_settings
 from glbench.training.vec_env import Normalizer
 
-SETTINGS, ALGORITHM = Path(__file__).with_suffix(".yml"), "ppo"
+SETTINGS, ALGORITHM = data_folder("baselines") / "ppo_two_crops" / "two_crops.yml", "ppo"
 TASKS = {"spring": "Spring-v1", "lettuce": "Lettuce-v1"}
 TRAININGS = {"two_crops": ("spring", "lettuce"), "spring": ("spring",), "lettuce": ("lettuce",)}
 """Tasks of each kind of training."""
@@ -207,7 +207,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--work", type=Path, required=True, help="folder of trainings")
     parser.add_argument("--only", nargs="*", choices=TRAININGS, default=[*TRAININGS], help="some kinds of training")
     parser.add_argument("--seeds", nargs="*", type=int, default=[*SEEDS], help="some seeds; default: 0 1 2")
-    parser.add_argument("--settings", type=Path, default=SETTINGS, help="other settings than benchmarks/two_crops.yml, to try them")
+    parser.add_argument("--settings", type=Path, default=SETTINGS, help="other settings, to try them")
     parser.add_argument("--ship", action="store_true", help="copy finished trainings to baselines/")
     options = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stdout)
