@@ -4,8 +4,9 @@
     python -m benchmarks.two_crops --work FOLDER --ship      # puts what is done into baselines/
 
 `baselines/ppo_two_crops/two_crops.yml` has the settings. Half of the greenhouses of the policy for both crops grow tomatoes, half lettuce.
-It sees the observations of both tasks and one input that says which crop grows; observations that a task lacks are 0 after normalisation. Within one
-task these inputs are constant, so they are added to the first bias. The result is an ordinary policy for that task, as baselines hold it.
+It sees the observations of both tasks and one input that says which crop grows; observations that a task lacks are 0 after normalisation.
+Within one task these inputs are constant, so they are added to the first bias. The result is an ordinary policy for that task, as baselines
+hold it.
 
 The best policy is chosen on the validation splits. For two crops this is the policy with the highest mean of the two scores [EUR m-2], as
 for a grower with equal areas of both crops. This script uses no test split.
