@@ -104,10 +104,12 @@ class Mixed(VecEnv):
         return [value for part in self.parts for value in part.get_attr(attr_name)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        raise NotImplementedError
+        """Not possible, as in ``TrainingVecEnv``, which says why."""
+        self.parts[0].set_attr(attr_name, value)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        raise NotImplementedError
+        """Not possible, as in ``TrainingVecEnv``, which says why."""
+        return self.parts[0].env_method(method_name)
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         return [value for part in self.parts for value in part.env_is_wrapped(wrapper_class)]
