@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from glbench.agents.plans import read_recording
 from glbench.episodes import read_log
 from glbench.evaluation import load_result
+from tests.cli.command_line import Command
 from tests.episodes.day import RANDOM
 from tests.evaluation.agent_files import agent_writer
 
@@ -27,3 +30,13 @@ def test_a_recording_of_a_run_earns_what_the_run_earned(here, glbench):
     again, before = (load_result(here / f"out/results/Day-v1/{name}.json").runs[1].metrics["reward"] for name in ("replayed", "wavy"))
     assert again == pytest.approx(before, rel=1e-4), "the actions were rounded to float32, nothing else"
     assert len(read_recording(here / "replayed/actions.npz").actions) == 24
+
+
+@pytest.mark.parametrize(("option", "ending"), [("--save", ".rrd"), ("--picture", ".png")])
+def test_view_does_not_overwrite_a_result(glbench: Command, here: Path, option: str, ending: str) -> None:
+    result = here / "result.json"
+    result.write_text("{}", encoding="utf-8")
+    answer = glbench("view", result, option, result)
+    assert answer.code == 1
+    assert f"should end with {ending}" in " ".join(answer.err.split())
+    assert result.read_text(encoding="utf-8") == "{}"

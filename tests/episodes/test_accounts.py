@@ -10,6 +10,7 @@ import pytest
 from glbench.episodes import by_week, read_episode
 from glbench.episodes.episode import line_values, local_days, weeks_of
 from glbench.episodes.signals import KWH_A_CUBIC_METRE, signals_of
+from glbench.errors import EpisodeError
 from glbench.tasks import get_task
 
 
@@ -27,6 +28,20 @@ def test_a_week_is_the_sum_of_its_steps(day):
     assert frame["days"].tolist() == [1]
     for name in ("fruit_fresh", "heat", "co2_dosed", "cost_heat", "epi", "reward"):
         assert frame[name].sum() == pytest.approx(float(day[name].sum()), rel=1e-12), name
+
+
+def test_a_run_without_steps_is_refused_in_words(day):
+    none = replace(day, times=day.times[:1], tables={name: table[:0] for name, table in day.tables.items()})
+    with pytest.raises(EpisodeError, match="no steps to show"):
+        by_week(none)
+    plots = pytest.importorskip("glbench.episodes.plots")
+    with pytest.raises(EpisodeError, match="nothing to draw"):
+        plots.typical_day(none)
+
+
+def test_a_part_of_an_episode_says_of_how_many_steps(day):
+    part = replace(day, times=day.times[:6], tables={name: table[:5] for name, table in day.tables.items()}).to_frame()
+    assert (len(part), part.attrs["steps"]) == (5, day.steps)
 
 
 def test_heat_is_told_as_gas_by_its_lower_heating_value(day):

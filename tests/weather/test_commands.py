@@ -6,6 +6,7 @@ import datetime as dt
 import json
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import pytest
 from typer.testing import CliRunner
 
 from glbench.cli.console import messages, output
-from glbench.cli.weather import app
+from glbench.cli.weather import app, description
 from glbench.errors import GlbenchError, UnknownNameError, WeatherError
 from glbench.model import PARAMETER_NAMES, default_parameters
 from glbench.weather import SeasonGenerator, load_weather, read_weather
@@ -340,3 +341,10 @@ def test_statistics_are_shown_with_their_limits_and_written(tmp_path: Path) -> N
     assert written["accepted"] == ("Every limit is kept." in shown)
     other = json.loads(run("statistics", *arguments, "--shortest", 2, "--longest", 3, "--json"))
     assert other["figures"] != written["figures"]
+
+
+@pytest.mark.parametrize(("zone", "words"), [("Atlantic/Azores", "1 h or 0 h behind"), ("Europe/Lisbon", "0 h or 1 h ahead")])
+def test_the_local_clock_is_behind_or_ahead_of_utc(zone: str, words: str) -> None:
+    record = load_weather("schiphol")
+    there = replace(record, place=replace(record.place, timezone=zone))
+    assert f"({zone}) is {words}, with summer time" in repr(list(description(there)))
