@@ -412,6 +412,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command.add_argument("--work", type=Path, required=True, help="folder of tasks, trainings, results and tables")
     doing.add_argument("--cells", help="names and patterns, such as spring.centre,spring.draw-*; default: all")
     doing.add_argument("--split", choices=("validation", "test"), help="instead of the design's, as all numbers here")
+    tabling.add_argument("--add", type=Path, nargs="+", default=[], metavar="FILE", help="factors.json of other folders")
     for name in ("trainings", "runs", "steps"):
         doing.add_argument(f"--{name}", type=int)
     doing.add_argument("--workers", type=int, default=usable_cores(), help="jobs at a time; default: all cores")
@@ -425,7 +426,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.command == "table":
             from benchmarks.factors_table import write_tables
 
-            say(write_tables(options.work))
+            say(write_tables(options.work, options.add))
             return 0
         changes = {key: value for key in ("split", "trainings", "runs", "steps") if (value := getattr(options, key)) is not None}
         design = read_design(options.design, changes)

@@ -11,15 +11,19 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.factors import NAMESPACE, Base, Cell, Design, agent_name, cells_of, in_split_of_evaluations, read_result, saved_design
+from benchmarks.factors import NAMESPACE, SAME, Base, Cell, Design, agent_name, cells_of, in_split_of_evaluations, read_result, saved_design
+from glbench import __version__
 from glbench.env import run_years
+from glbench.errors import GlbenchError, refuse
 from glbench.leaderboard.statistics import SIGNIFICANCE, Interval, MeanEstimate, corrected, estimate_difference, estimate_mean
 from glbench.resources import write_atomically
+from glbench.settings import validated
 from glbench.tasks import get_task
 
 Array = NDArray[np.float64]
@@ -68,6 +72,26 @@ def read_scores(design: Design, work: Path, cell: Cell, metric: str) -> dict[str
             values = np.array([result.values(metric)[:runs] for result in results.values()])
             scores[kind] = Scores(values, tuple(results) if is_trained else (), sum(len(one.failed) for one in results.values()))
     return scores
+
+
+def added_scores(file: Path, design: Design) -> dict[str, dict[str, Scores]]:
+    """The scores in the ``factors.json`` of another folder, by cell and kind of agent.
+
+    Raises ``GlbenchError`` when there are none, or another design or version of glbench made them: a cell would mean something else.
+    """
+    if not file.is_file():
+        refuse(f"There is no {file}. `python benchmarks/factors.py table --work FOLDER` writes FOLDER/factors.json.", GlbenchError)
+    document = json.loads(file.read_text(encoding="utf-8"))
+    other, version = validated(Design, document.get("design"), "the design", file, GlbenchError), document.get("glbench")
+    differing = [key for key in (*SAME, "bases") if getattr(other, key) != getattr(design, key)]
+    differing += [] if version == __version__ else [f"glbench ({version}, here {__version__})"]
+    if differing:
+        refuse(f"{file} cannot be added, because it has other {', '.join(differing)}. Leave it out, or play its cells again.", GlbenchError)
+    return {
+        key: {kind: Scores(np.array(one["values"]), tuple(one["seeds"]), one["failed_runs"]) for kind, one in cell["agents"].items()}
+        for base in document["bases"].values()
+        for key, cell in base["cells"].items()
+    }
 
 
 def paired(scores: Sequence[Scores]) -> list[Array]:
@@ -132,11 +156,12 @@ def effects_of(name: str, base: Base, cells: Mapping[str, Cell]) -> list[Effect]
     return effects
 
 
-def figures_of(design: Design, work: Path, name: str) -> dict[str, Any]:
-    """All figures of a base, as plain values: cells, conclusions and effects."""
+def figures_of(design: Design, work: Path, name: str, added: Mapping[str, CellScores] = MappingProxyType({})) -> dict[str, Any]:
+    """All figures of a base, as plain values: cells, conclusions and effects. ``added`` has scores that the work folder lacks."""
     base, cells = design.bases[name], {key: cell for key, cell in cells_of(design).items() if cell.base == name}
     task, centre = in_split_of_evaluations(get_task(base.task), design.split), f"{name}.centre"
-    scores = {key: one for key, cell in cells.items() if (one := read_scores(design, work, cell, task.evaluation.metric))}
+    read = {key: {**added.get(key, {}), **read_scores(design, work, cell, task.evaluation.metric)} for key, cell in cells.items()}
+    scores = {key: one for key, one in read.items() if one}
     most = max((one.values.shape[1] for of_cell in scores.values() for one in of_cell.values()), default=0)
     years = np.array(run_years(task, tuple(range(task.evaluation.first_seed, task.evaluation.first_seed + most))))
 
@@ -177,11 +202,19 @@ def figures_of(design: Design, work: Path, name: str) -> dict[str, Any]:
     return document
 
 
-def write_tables(work: Path) -> str:
-    """Write ``factors.json`` and ``factors.md`` of what a work folder holds; the page. Raises ``GlbenchError`` when it holds no study."""
-    design = saved_design(work)
-    bases = {name: one for name in design.bases if (one := figures_of(design, work, name))["cells"]}
-    document = {"schema": "glbench/factors", "schema_version": 1, "design": design.model_dump(mode="json"), "bases": bases}
+def write_tables(work: Path, others: Iterable[Path] = ()) -> str:
+    """Write ``factors.json`` and ``factors.md`` of what a work folder holds, and the files ``factors.json`` of others; the page.
+
+    Where several have an agent in a cell, the work folder counts, then the last file. Raises ``GlbenchError`` when the folder holds no
+    study, or a file cannot be added.
+    """
+    design, added = saved_design(work), dict[str, dict[str, Scores]]()
+    for file in others:
+        for key, scores in added_scores(file, design).items():
+            added[key] = added.get(key, {}) | scores
+    bases = {name: one for name in design.bases if (one := figures_of(design, work, name, added))["cells"]}
+    document = {"schema": "glbench/factors", "schema_version": 1, "glbench": __version__}
+    document |= {"design": design.model_dump(mode="json"), "bases": bases}
     page = page_of(design, bases)
     write_atomically(work / "factors.json", json.dumps(document, indent=1) + "\n")
     write_atomically(work / "factors.md", page)

@@ -1,12 +1,10 @@
-"""The tables and the figure of docs/factors.md, from the cells played so far: ``python -m docs.factors_figures [WORK]``.
+"""The tables and the figure of docs/factors.md, from the cells played so far: ``python -m docs.factors_figures [WORK ...]``.
 
-Given the work folder of a study (`benchmarks/factors.py`), it first saves that study's numbers to docs/measurements/factors.json. Without
-one it uses the numbers saved there.
+Given work folders of the study (`benchmarks/factors.py`), it first adds their numbers to those in docs/measurements/factors.json.
 """
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -117,11 +115,10 @@ def picture(figures: Mapping[str, Any]) -> str:
 
 
 def main() -> None:
-    """Save the numbers of a work folder, if one is given; draw the figure and fill in the tables."""
-    if sys.argv[1:]:
-        write_tables(Path(sys.argv[1]))
-        figures = json.loads((Path(sys.argv[1]) / "factors.json").read_text(encoding="utf-8"))
-        write_atomically(FIGURES, json.dumps(figures, indent=1) + "\n")
+    """Add the numbers of work folders, if any are given; draw the figure and fill in the tables."""
+    for work in map(Path, sys.argv[1:]):
+        write_tables(work, [FIGURES])
+        write_atomically(FIGURES, (work / "factors.json").read_text(encoding="utf-8"))
     figures = read(FIGURES)
     write_atomically(PICTURE, picture(figures))
     write_atomically(PAGE, filled(PAGE.read_text(encoding="utf-8"), figures))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -262,6 +263,24 @@ def test_what_cannot_be_is_refused_before_anything_is_computed(small: Path, capf
     assert not (small / "work" / "trainings").exists()
 
 
+def assert_tables_are_added(small: Path) -> None:
+    """Cells that another folder played count as one's own, unless another design or version of glbench played them."""
+    other, played = small / "other", small / "work" / "factors.json"
+    other.mkdir()
+    shutil.copy(small / "work" / "design.json", other)
+    assert factors.main(["table", "--work", str(other), "--add", str(played)]) == 0
+    assert (other / "factors.json").read_text(encoding="utf-8") == played.read_text(encoding="utf-8")
+    figures = json.loads(played.read_text(encoding="utf-8"))
+    (other / "older.json").write_text(json.dumps(figures | {"glbench": "0.0.9"}), encoding="utf-8")
+    with pytest.raises(GlbenchError, match=r"other glbench \(0\.0\.9, here "):
+        write_tables(other, [other / "older.json"])
+    (other / "longer.json").write_text(json.dumps(figures | {"design": figures["design"] | {"steps": 500}}), encoding="utf-8")
+    with pytest.raises(GlbenchError, match="it has other steps"):
+        write_tables(other, [other / "longer.json"])
+    with pytest.raises(GlbenchError, match=r"There is no .*nothing\.json"):
+        write_tables(other, [other / "nothing.json"])
+
+
 @pytest.mark.slow
 @pytest.mark.train
 @pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
@@ -297,6 +316,7 @@ def test_a_small_study_is_carried_out_continued_and_tabulated(small: Path, capsy
     assert {effect["effect"] for effect in figures["effects"]} == {"price: 1 to 2, from the centre", "budget: 1 to 0.5, from the centre"}
     assert "| day.price-2 |" in page
     assert page == (small / "work" / "factors.md").read_text(encoding="utf-8")
+    assert_tables_are_added(small)
 
     rules = load_result(small / "work" / "results" / "day.centre-v1" / "rule_based_tuned.json")
     assert factors._holds(rules, in_split_of_evaluations(one.tasks(cells.values())["day.centre"], "test"), rules.agent.digest, 3)
