@@ -1,6 +1,6 @@
 """Trains the encoder on some plants, and packs all rendered scenes with what it makes of them: the second step to a library.
 
-python -m benchmarks.vision_library lettuce --work runs/vision            # needs PyTorch and pillow
+python -m benchmarks.vision_library lettuce --work runs/vision            # or tomato; needs PyTorch and pillow
 python -m benchmarks.vision_library lettuce --work runs/vision --try 3    # three of the training plants are held out; nothing is written
 """
 
@@ -21,11 +21,13 @@ from numpy.typing import NDArray
 from glbench.arrays import packed
 from glbench.resources import data_folder, write_atomically
 from glbench.vision.encoder import Encoder
-from glbench.vision.library import ROLES, Role
+from glbench.vision.library import ROLES, TRUTH, Role
 
-SHOWN: dict[Role, int] = {"training": 8, "test": 8}
+SHOWN: dict[str, dict[Role, int]] = {"lettuce": {"training": 8, "test": 8}, "tomato": {"test": 8}}
 """Number of plant variations for training and for tests, which the encoder is not trained on: the last ones, those of tests at the end."""
-VERSION = "2"
+VERSIONS = {"lettuce": "2", "tomato": "1"}
+ESTIMATED = {"lettuce": {"mass": 1.0, "cover": 0.05}, "tomato": {"leaf_area_index": 1.0, "fruits": 1.0, "ripe": 1.0}}
+"""What the encoder is trained to estimate, the first by its logarithm, and the weight of the error of each."""
 FEATURES, CHANNELS, HIDDEN = 6, (16, 32, 48, 64), 48
 EPOCHS, BATCH, RATE = 60, 64, 3e-3
 QUALITY = 80
@@ -34,15 +36,13 @@ QUALITY = 80
 class Scenes:
     """All rendered scenes of a crop, as they will be stored: after packing."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, crop: str, folder: Path) -> None:
         from PIL import Image
 
-        files = [np.load(file) for file in sorted(folder.glob("??-??.npz"))]
+        files = [np.load(file) for file in sorted(folder.glob("*.npz")) if not file.name.endswith(".partial.npz")]
         lights = len(files[0]["images"])
-        self.mass, seeds, self.cover, self.leaf_area_index = (
-            np.repeat([float(file[name]) for file in files], lights) for name in ("mass", "variation", "cover", "leaf_area_index")
-        )
-        self.seeds = seeds.astype(np.int64)
+        self.truth = {name: np.repeat([float(file[name]) for file in files], lights) for name in TRUTH[crop]}
+        self.seeds = np.repeat([int(file["variation"]) for file in files], lights).astype(np.int64)
         self.lights = np.tile(np.arange(lights), len(files))
         self.packed = []
         for picture in np.concatenate([file["images"] for file in files]):
@@ -52,8 +52,8 @@ class Scenes:
         self.pictures = np.stack([np.asarray(Image.open(io.BytesIO(content)).convert("RGB")) for content in self.packed])
 
 
-def train(pictures: NDArray[np.uint8], mass: NDArray[np.float64], cover: NDArray[np.float64], epochs: int) -> Encoder:
-    """Train on pictures with known mean mass [g] and cover; turned, mirrored, and of varied brightness, contrast and colour."""
+def train(crop: str, pictures: NDArray[np.uint8], truth: dict[str, NDArray[np.float64]], epochs: int) -> Encoder:
+    """Train on pictures of which is known what is estimated; mirrored, turned if from above, of varied brightness, contrast and colour."""
     import torch
     from torch import nn
 
@@ -62,7 +62,7 @@ def train(pictures: NDArray[np.uint8], mass: NDArray[np.float64], cover: NDArray
     widths = (3, *CHANNELS)
     convolutions = nn.ModuleList(nn.Conv2d(a, b, 3, stride=2, padding=1) for a, b in pairwise(widths))
     norms = nn.ModuleList(nn.BatchNorm2d(b) for b in CHANNELS)
-    dense = nn.ModuleList([nn.Linear(CHANNELS[-1], HIDDEN), nn.Linear(HIDDEN, FEATURES), nn.Linear(FEATURES, 2)])
+    dense = nn.ModuleList([nn.Linear(CHANNELS[-1], HIDDEN), nn.Linear(HIDDEN, FEATURES), nn.Linear(FEATURES, len(ESTIMATED[crop]))])
     parts = nn.ModuleList([convolutions, norms, dense])
 
     def output(signal: Any) -> Any:
@@ -71,7 +71,9 @@ def train(pictures: NDArray[np.uint8], mass: NDArray[np.float64], cover: NDArray
         return dense[2](torch.tanh(dense[1](torch.relu(dense[0](signal.mean(dim=(2, 3)))))))
 
     x = torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255 - 0.5
-    wanted = torch.from_numpy(np.stack([np.log(mass), cover], axis=-1)).float()
+    logarithm, *others = (truth[name] for name in ESTIMATED[crop])
+    wanted = torch.from_numpy(np.stack([np.log(logarithm), *others], axis=-1)).float()
+    weights = torch.tensor([*ESTIMATED[crop].values()])
     middle, spread = wanted.mean(dim=0), wanted.std(dim=0)
     wanted = (wanted - middle) / spread
     steps = epochs * -(-len(x) // BATCH)
@@ -81,11 +83,12 @@ def train(pictures: NDArray[np.uint8], mass: NDArray[np.float64], cover: NDArray
         total = 0.0
         for rows in torch.randperm(len(x)).split(BATCH):
             batch = x[rows]
-            batch = torch.rot90(batch, int(torch.randint(4, ())), (2, 3))
+            if crop == "lettuce":
+                batch = torch.rot90(batch, int(torch.randint(4, ())), (2, 3))
             batch = batch.flip(3) if torch.rand(()) < 0.5 else batch
             gain = 1.0 + 0.15 * torch.randn(len(rows), 1, 1, 1) + 0.08 * torch.randn(len(rows), 3, 1, 1)
             batch = batch * gain + 0.06 * torch.randn(len(rows), 1, 1, 1) + 0.03 * torch.randn(len(rows), 3, 1, 1)
-            loss = ((output(batch) - wanted[rows]) ** 2 @ torch.tensor([1.0, 0.05])).mean()
+            loss = ((output(batch) - wanted[rows]) ** 2 @ weights).mean()
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
@@ -109,59 +112,57 @@ def applied(encoder: Encoder, pictures: NDArray[np.uint8]) -> NDArray[np.float64
     return np.concatenate([encoder.features(some) for some in np.array_split(pictures, -(-len(pictures) // 32))])
 
 
-def write(crop: str, scenes: Scenes, encoder: Encoder, roles: NDArray[np.int64], command: str) -> None:
+def write(crop: str, scenes: Scenes, encoder: Encoder, roles: NDArray[np.int64]) -> None:
     """Write library, encoder and their entries in the manifest."""
     features = applied(encoder, scenes.pictures)
     content = packed(
         format=2, crop=crop, columns=tuple(f"camera_{number + 1}" for number in range(features.shape[1])), features=features,
-        mass=scenes.mass, seeds=scenes.seeds, lights=scenes.lights.astype(np.int64), shown=roles,
-        cover=scenes.cover, leaf_area_index=scenes.leaf_area_index, estimates=encoder.estimates(features),
+        seeds=scenes.seeds, lights=scenes.lights.astype(np.int64), shown=roles, estimates=encoder.estimates(features), **scenes.truth,
         pictures=np.frombuffer(b"".join(scenes.packed), np.uint8),
         starts=np.cumsum([0, *(len(one) for one in scenes.packed)]).astype(np.int64),
     )  # fmt: skip
     folder = data_folder("images")
-    write_atomically(folder / f"{crop}-{VERSION}.npz", content)
-    write_atomically(folder / f"{crop}-{VERSION}.encoder.npz", encoder.file())
+    write_atomically(folder / f"{crop}-{VERSIONS[crop]}.npz", content)
+    write_atomically(folder / f"{crop}-{VERSIONS[crop]}.encoder.npz", encoder.file())
     manifest = folder / "manifest.toml"
     before = manifest.read_text(encoding="utf-8") if manifest.exists() else "# Libraries of rendered pictures; docs/vision.md.\n"
-    others = re.sub(rf"\n\[{crop}-{VERSION}\]\n[^\[]*", "\n", before).rstrip("\n")
+    others = re.sub(rf"\n\[{crop}-{VERSIONS[crop]}\]\n[^\[]*", "\n", before).rstrip("\n")
     entry = {
         "sha256": hashlib.sha256(content).hexdigest(),
         "encoder_sha256": hashlib.sha256(encoder.file()).hexdigest(),
-        "made_by": f"python -m benchmarks.vision_render {crop}; python -m benchmarks.vision_library {command}",
+        "made_by": f"python -m benchmarks.vision_render {crop}; python -m benchmarks.vision_library {crop}",
         "made_with": ", ".join(f"{name} {version(name)}" for name in ("mitsuba", "drjit", "torch", "numpy", "pillow")),
         "licence": "BSD-3-Clause, as glbench: rendered from its own shapes; Mitsuba (BSD-3-Clause) puts no terms on pictures",
-        "contents": f"{len(scenes.mass)} pictures of {scenes.pictures.shape[1]} by {scenes.pictures.shape[2]} pixels, WebP",
+        "contents": f"{len(scenes.seeds)} pictures of {scenes.pictures.shape[2]} by {scenes.pictures.shape[1]} pixels, WebP",
     }
     lines = "\n".join(f'{key} = "{value}"' for key, value in entry.items())
-    write_atomically(manifest, f"{others}\n\n[{crop}-{VERSION}]\n{lines}\n")
+    write_atomically(manifest, f"{others}\n\n[{crop}-{VERSIONS[crop]}]\n{lines}\n")
 
 
 def main() -> None:
     """Train, then write; or train on fewer plants and say how well it does on the rest."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("crop", choices=["lettuce"])
+    parser.add_argument("crop", choices=[*VERSIONS])
     parser.add_argument("--work", type=Path, required=True, help="folder of benchmarks.vision_render")
     parser.add_argument("--epochs", type=int, default=EPOCHS)
     parser.add_argument("--try", dest="held_out", type=int, default=0, help="number of training plants to hold out; writes nothing")
     options = parser.parse_args()
-    scenes = Scenes(options.work / options.crop)
-    counts = [len(np.unique(scenes.seeds)) - sum(SHOWN.values()), *SHOWN.values()]
-    roles = np.repeat([ROLES.index("encoder"), *(ROLES.index(name) for name in SHOWN)], counts)[scenes.seeds]
+    crop, shown = options.crop, SHOWN[options.crop]
+    scenes = Scenes(crop, options.work / crop)
+    counts = [len(np.unique(scenes.seeds)) - sum(shown.values()), *shown.values()]
+    roles = np.repeat([ROLES.index("encoder"), *(ROLES.index(name) for name in shown)], counts)[scenes.seeds]
     trained = roles == ROLES.index("encoder")
     used = trained & (scenes.seeds < counts[0] - options.held_out)
     print(f"{len(trained)} scenes, {used.sum()} to train on; {sum(map(len, scenes.packed)) / 1e6:.2f} MB of pictures", flush=True)
-    encoder = train(scenes.pictures[used], scenes.mass[used], scenes.cover[used], options.epochs)
+    encoder = train(crop, scenes.pictures[used], {name: values[used] for name, values in scenes.truth.items()}, options.epochs)
     if not options.held_out:
-        write(options.crop, scenes, encoder, roles, options.crop)
-    for name, rows in (("trained on", used), ("held out", trained & ~used), ("those of training", roles == ROLES.index("training"))):
+        write(crop, scenes, encoder, roles)
+    for name, rows in (("trained on", used), ("held out", trained & ~used)):
         if rows.any():
-            off = encoder.estimates(applied(encoder, scenes.pictures[rows]))[:, 0] / scenes.mass[rows] - 1.0
-            for low, high in ((0, 30), (30, 100), (100, 200), (200, 300), (300, 400), (400, 800)):
-                some = (scenes.mass[rows] >= low) & (scenes.mass[rows] < high)
-                if some.any():
-                    error, mean = 100 * np.sqrt(np.mean(off[some] ** 2)), 100 * off[some].mean()
-                    print(f"{name}, {low} to {high} g: error {error:.1f} %, mean {mean:+.1f} %")
+            estimates = encoder.estimates(applied(encoder, scenes.pictures[rows]))
+            for what, values in zip(ESTIMATED[crop], estimates.T, strict=True):
+                off, truth = values - scenes.truth[what][rows], scenes.truth[what][rows]
+                print(f"{name}, {what}: error {np.sqrt(np.mean(off**2)):.3g}, R2 {1.0 - np.mean(off**2) / np.var(truth):.3f}")
 
 
 if __name__ == "__main__":

@@ -26,10 +26,9 @@ def small_library(crop: str, version: str) -> Library:
         file = io.BytesIO()
         Image.fromarray(np.full((8, 8, 3), [int(mass[scene] / 3), 160, 40 * int(lights[scene])], np.uint8)).save(file, "PNG")
         files.append(np.frombuffer(file.getvalue(), np.uint8))
-    nothing = np.zeros(len(mass))
     return Library(
-        crop=crop, digest=f"{int(version):064x}", columns=tuple("abcd"), features=numbers, mass=mass, seeds=seeds, lights=lights,
-        roles=np.select([seeds < HIDDEN, seeds < SEEDS - 3], [0, 1], 2), cover=nothing, leaf_area_index=nothing,
+        crop=crop, digest=f"{int(version):064x}", columns=tuple("abcd"), features=numbers, truth={"mass": mass}, seeds=seeds, lights=lights,
+        roles=np.select([seeds < HIDDEN, seeds < SEEDS - 3], [0, 1], 2),
         estimates=np.zeros((len(mass), 2)), _pictures=np.concatenate(files), _starts=np.cumsum([0, *map(len, files)]),
     )  # fmt: skip
 

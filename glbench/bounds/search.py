@@ -121,8 +121,9 @@ class Search:
         object.__setattr__(self, "groups", group_by_conditions(self.task, self.seeds))
 
     def place(self, seeds: Sequence[int]) -> Path:
-        """Where the plan of a group is saved."""
-        return self.folder / f"{seeds[0]}.npz"
+        """Where the plan of a group is saved: under the name of its first run, or of the one that it was first made for."""
+        files = [self.folder / f"{seed}.npz" for seed in seeds]
+        return next((file for file in files if file.is_file()), files[0])
 
     def stored(self) -> list[PlanOutcome]:
         """The plans found earlier. The file of a plan that was made for fewer runs is written again, for all runs with the same conditions.
@@ -138,7 +139,7 @@ class Search:
                 if reason is not None:
                     refuse(f"The plans in {file} are not for {self.task.id}: {reason}. Choose another folder with --out.", GlbenchError)
                 if not {*seeds} <= {*book.runs}:  # made for fewer runs with the same conditions
-                    book = replace(book, runs={**book.runs, **dict.fromkeys(seeds, book.runs[seeds[0]])})
+                    book = replace(book, runs={**book.runs, **dict.fromkeys(seeds, book.runs[int(file.stem)])})
                     book.save(file)
                 outcomes.append(PlanOutcome.of_book(seeds, book, stored=True))
         return outcomes

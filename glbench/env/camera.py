@@ -57,7 +57,7 @@ class Pictures:
     @lru_cache(maxsize=4)
     def of(library: Library, role: Role) -> Pictures:
         """The pictures of the plants for training or for tests, the mass going fastest."""
-        lightest, heaviest = float(library.mass.min()), float(library.mass.max())
+        lightest, heaviest = float(library.truth["mass"].min()), float(library.truth["mass"].max())
         plants, lights = len(np.unique(library.seeds[library.plants(role)])), len(np.unique(library.lights))
         draws = ((np.arange(count) + 0.5) / count for count in (plants, lights))
         variation, light, mass = (one.ravel() for one in np.meshgrid(*draws, np.linspace(lightest, heaviest, MASSES), indexing="ij"))

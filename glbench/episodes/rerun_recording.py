@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.arrays import Floats
+from glbench.episodes.crop_pictures import crop_scenes
 from glbench.episodes.episode import ACTING, Episode, weeks_of
-from glbench.episodes.signals import SCENE, Curve, Page, Signals, signals_of
+from glbench.episodes.signals import Curve, Page, Signals, signals_of
 from glbench.errors import GlbenchError, refuse
 from glbench.quantities import MONEY, in_sentence, pretty_unit, raised_unit
 from glbench.resources import write_atomically
@@ -131,6 +132,10 @@ class RunSet:
     def is_shared(self, curve: Curve) -> bool:
         """Whether a curve is the same for all trajectories: those of the weather are, when all have one season."""
         return curve.shared and all(trajectory.began is None for trajectory in self.trajectories)
+
+    def pictures(self, trajectory: Trajectory) -> tuple[Library, NDArray[np.int64]] | None:
+        """A library, and its scene at the end of each step of a trajectory ``(steps,)``; ``None`` where there are none."""
+        return crop_scenes(self.task, trajectory.columns, self.signals.clock, trajectory.seed)
 
     def closeup(self) -> tuple[np.datetime64, np.datetime64]:
         """Start and end of the days that fast quantities show first, which are days of the greenhouse's clock where that is known.
@@ -394,14 +399,17 @@ def send_trajectories(stream: rr.RecordingStream, runs: RunSet, first: int = 0) 
             continue
         for label, trajectory in zip(runs.labels, runs.trajectories, strict=True):
             _send_curve(stream, _entity(curve, label), curve, trajectory, first, runs.signals.clock)
-    if runs.task.picture_library is not None:
-        for label, trajectory in zip(runs.labels, runs.trajectories, strict=True):
-            _send_pictures(stream, label, trajectory, runs.task.picture_library, runs.signals.clock)
+    for label, trajectory in zip(runs.labels, runs.trajectories, strict=True):
+        _send_pictures(stream, label, trajectory, runs.pictures(trajectory), runs.signals.clock)
 
 
-def _send_pictures(stream: rr.RecordingStream, label: str, trajectory: Trajectory, library: Library, hours: str) -> None:
+def _send_pictures(
+    stream: rr.RecordingStream, label: str, trajectory: Trajectory, pictures: tuple[Library, NDArray[np.int64]] | None, hours: str
+) -> None:
     """Send each picture at the end of the step after which the agent saw it; the first one at the start."""
-    scenes, clock = trajectory.columns.get(SCENE, np.empty(0)).astype(np.intp), local(trajectory, hours)
+    if pictures is None:
+        return
+    (library, scenes), clock = pictures, local(trajectory, hours)
     for step in [0, *(np.flatnonzero(np.diff(scenes)) + 2).tolist()] if len(scenes) else []:
         stream.set_time(STEP, sequence=step)
         for name, times in ((TIME, trajectory.times), (LOCAL_TIME, clock)):
@@ -519,8 +527,10 @@ class _Layout:
         card = rrb.TextDocumentView(origin="card", name="Task and controllers")
         runs = zip(self._run_set.labels, self._run_set.trajectories, strict=True)
         path = self._rr.new_entity_path
-        if pictures := [rrb.Spatial2DView(origin=path([_PICTURES, label]), name=label) for label, one in runs if SCENE in one.columns]:
-            card = rrb.Vertical(card, rrb.Tabs(*pictures, name="Last picture"), row_shares=[3, 2])
+        if pictures := [
+            rrb.Spatial2DView(origin=path([_PICTURES, label]), name=label) for label, one in runs if self._run_set.pictures(one)
+        ]:
+            card = rrb.Vertical(card, rrb.Tabs(*pictures, name="Crop"), row_shares=[3, 2])
         return rrb.Horizontal(card, *columns, column_shares=[0.8, *(1.0 for _ in columns)], name="Overview")
 
     def page(self, page: Page) -> Any:

@@ -458,7 +458,7 @@ def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
     if task.picture_library is not None and task.camera is not None:
         often = f"Every day at {task.camera.hour} h, first at the start: heads of their mean mass then, plants and light drawn at random."
         library = (
-            f"Library '{task.camera.library}': {len(task.picture_library.mass)} rendered pictures, {task.picture_library.digest[:12]}..."
+            f"Library '{task.camera.library}': {len(task.picture_library.seeds)} rendered pictures, {task.picture_library.digest[:12]}..."
         )
         yield Section(_CAMERA, [often, library])
 

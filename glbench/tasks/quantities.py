@@ -299,6 +299,10 @@ def camera(context: ObservationContext) -> tuple[Quantity, ...]:
     if context.library is None:
         refuse(f"'{CAMERA}' shows pictures of a library, and none is named: add [camera] library = \"lettuce-2\".", UnknownNameError)
     head_mass_of(context.model)
+    if "mass" not in context.library.truth:
+        refuse(
+            f"'{CAMERA}' needs pictures by mass, and those of {context.library.crop} have none: library = \"lettuce-2\".", UnknownNameError
+        )
     numbers = range(1, len(context.library.columns) + 1)
     return tuple(Quantity(f"{CAMERA}_{n}", "-", -1.0, 1.0, f"feature {n} of the last picture of the crop") for n in numbers)
 

@@ -55,9 +55,9 @@ class Encoder:
         return features
 
     def estimates(self, features: Floats) -> Floats:
-        """Mean mass [g] and cover of the scenes that have these features, shape (n, 2)."""
-        logarithm, cover = _layer(self.dense[2], features).T
-        return np.stack([np.exp(logarithm), cover], axis=-1)
+        """What the scenes that have these features show, shape (n, estimates): mass [g] and cover of lettuce, see ``Library.estimates``."""
+        logarithm, *others = _layer(self.dense[2], features).T
+        return np.stack([np.exp(logarithm), *others], axis=-1)
 
 
 def _layer(weights: Float32s, signal: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -14,10 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from glbench.arrays import Floats
-from glbench.vision.mesh import Mesh, draws, joined, of_grids, smooth
+from glbench.vision.mesh import GOLDEN_ANGLE, Mesh, draws, joined, of_grids, smooth
 
-GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-"""Turn from one leaf to the next [rad]."""
 PLANTS = 25.0
 """Plants per floor area [m-2], as in the lettuce tasks."""
 VARIATION_OF_HEADS = 0.10

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,13 +24,16 @@ Integers = NDArray[np.int64]
 Role = Literal["training", "encoder", "test"]
 ROLES: tuple[Role, ...] = ("training", "encoder", "test")
 """What plants are for: training and validation, the training of the encoder, tests."""
+TRUTH: dict[str, tuple[str, ...]] = {"lettuce": ("mass", "cover", "leaf_area_index"), "tomato": ("leaf_area_index", "fruits", "ripe")}
+"""What is known of each scene of a crop: the mean fresh mass of a head [g], the share of the picture that shows leaves, leaf area per floor
+area [m2 m-2], fruits on the plants and ripe ones among them [m-2]."""
 _FORMAT = 2
 _LARGEST = 64 * MIB
 
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """The scenes of one crop: each mean mass with each plant variation in each light."""
+    """The scenes of one crop in all lights: of lettuce each mean mass with each plant variation, of tomato rows in many states."""
 
     crop: str
     digest: str
@@ -38,33 +42,29 @@ class Library:
     """Names of the features."""
     features: Floats
     """What the encoder makes of each picture, -1 to 1, shape (scenes, features)."""
-    mass: Floats
-    """Mean mass in each scene [g], shape (scenes,): fresh mass of a head of lettuce."""
+    truth: Mapping[str, Floats]
+    """What is true of each scene, by the names of ``TRUTH``, each of shape (scenes,)."""
     seeds: Integers
     """Plant variation of each scene, from 0 on, shape (scenes,)."""
     lights: Integers
     """Light of each scene, from 0 on, shape (scenes,)."""
     roles: Integers
     """What the plants of each scene are for, a place in ``ROLES``, shape (scenes,)."""
-    cover: Floats
-    """Share of each picture that shows leaves, shape (scenes,)."""
-    leaf_area_index: Floats
-    """Leaf area per floor area [m2 m-2], shape (scenes,)."""
     estimates: Floats
-    """Mass [g] and cover by the encoder, shape (scenes, 2)."""
+    """By the encoder, shape (scenes, estimates): mass [g] and cover of lettuce, all three of ``TRUTH`` of tomato."""
     _pictures: NDArray[np.uint8]
     _starts: Integers
 
     @classmethod
-    def open(cls, crop: str, version: str = "2") -> Library:
-        """The library of a crop (``"lettuce"``).
+    def open(cls, crop: str, version: str | None = None) -> Library:
+        """The library of a crop, ``"lettuce"`` or ``"tomato"``; the newest, if no version is given.
 
         Raises ``GlbenchError`` when there is none of that name, when the package with the data is not installed (with the command that
         installs it), or when the file is not the one that the manifest names.
         """
         folder = data_folder("images")
         manifest = tomllib.loads((folder / "manifest.toml").read_text(encoding="utf-8"))
-        name = f"{crop}-{version}"
+        name = max((one for one in manifest if one.rpartition("-")[0] == crop), default=crop) if version is None else f"{crop}-{version}"
         if name not in manifest:
             msg = f"There are no pictures '{name}'. There are: {', '.join(sorted(manifest))}."
             raise GlbenchError(msg)
@@ -80,12 +80,13 @@ class Library:
                 refuse(f"it has the SHA-256 {digest}, the manifest says {sha256}")
             arrays = ArrayFile.of(content, _LARGEST)
             arrays.check_format(_FORMAT)
-            per_scene = {name: arrays.floats(name, 1) for name in ("mass", "cover", "leaf_area_index")}
+            crop = arrays.text("crop")
+            truth = {name: arrays.floats(name, 1) for name in TRUTH.get(crop, ())}
             return cls(
-                crop=arrays.text("crop"), digest=digest, columns=arrays.texts("columns"), features=arrays.floats("features", 2),
+                crop=crop, truth=truth, digest=digest, columns=arrays.texts("columns"), features=arrays.floats("features", 2),
                 seeds=arrays.integers("seeds", 1, np.int64), lights=arrays.integers("lights", 1, np.int64),
                 roles=arrays.integers("shown", 1, np.int64), estimates=arrays.floats("estimates", 2),
-                _pictures=arrays.integers("pictures", 1, np.uint8), _starts=arrays.integers("starts", 1, np.int64), **per_scene,
+                _pictures=arrays.integers("pictures", 1, np.uint8), _starts=arrays.integers("starts", 1, np.int64),
             )  # fmt: skip
         except (OSError, ValueError) as error:
             refuse(f"Cannot read the pictures in {file}: {reason_of(error)}. Install glbench-data again.", GlbenchError, error)
@@ -111,6 +112,19 @@ class Library:
         index: Integers = table[nearest, (variation * variations).astype(np.int64), (light * lights).astype(np.int64)]
         return index
 
+    def nearest(self, states: Floats, variation: int, light: int = 1) -> Integers:
+        """Index of the scene nearest to each state, shape (n,), of one of the variations for tests, the remainder of ``variation``.
+
+        ``states`` are by the names of ``TRUTH``, shape (n, names); distances are shares of the range of each. The light is that of noon.
+        """
+        scenes = np.flatnonzero(self.plants("test") & (self.lights == light))
+        rows = np.unique(self.seeds[scenes])
+        scenes = scenes[self.seeds[scenes] == rows[variation % len(rows)]]
+        table = np.stack([values[scenes] for values in self.truth.values()], axis=-1)
+        away = (states[:, None] - table) / np.maximum(np.ptp(table, axis=0), 1e-12)
+        index: Integers = scenes[np.argmin((away**2).sum(axis=-1), axis=1)].astype(np.int64)
+        return index
+
     def content(self, index: int) -> bytes:
         """The file of the picture of a scene (WebP)."""
         return self._pictures[self._starts[index] : self._starts[index + 1]].tobytes()
@@ -129,7 +143,7 @@ class Library:
         return {role: self._table(np.flatnonzero(self.plants(role))) for role in ROLES}
 
     def _table(self, scenes: NDArray[np.intp]) -> tuple[Floats, Integers]:
-        masses, row = np.unique(self.mass[scenes], return_inverse=True)
+        masses, row = np.unique(self.truth["mass"][scenes], return_inverse=True)
         variations, column = np.unique(self.seeds[scenes], return_inverse=True)
         table = np.full((len(masses), len(variations), int(self.lights.max()) + 1), -1)
         table[row, column, self.lights[scenes]] = scenes

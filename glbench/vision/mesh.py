@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from glbench.arrays import Floats
 
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+"""Turn from one leaf to the next [rad]."""
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -58,3 +61,15 @@ def smooth(x: Any, low: float, high: float) -> Any:
     """0 below ``low``, 1 above ``high``, smooth in between."""
     share = np.clip((x - low) / (high - low), 0.0, 1.0)
     return share * share * (3.0 - 2.0 * share)
+
+
+def tubes(ends: Floats, radius: float, colour: Sequence[float]) -> Mesh:
+    """Straight tubes of four sides between two points each [m], shape (n, 2, 3)."""
+    axis = ends[:, 1] - ends[:, 0]
+    one = np.cross(
+        axis, np.where(np.abs(axis[:, 2:]) < 0.9 * np.linalg.norm(axis, axis=1, keepdims=True), [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+    )
+    other, turn = np.cross(axis, one), np.linspace(0.0, 2.0 * np.pi, 5)[None, :, None]
+    one, other = (side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12) for side in (one, other))
+    points = ends[:, :, None] + radius * (np.cos(turn) * one[:, None] + np.sin(turn) * other[:, None])[:, None]
+    return of_grids(points, np.broadcast_to(np.array(colour), points.shape))

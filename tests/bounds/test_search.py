@@ -36,12 +36,15 @@ def test_runs_in_which_the_same_is_given_share_a_plan(nominal: TaskSpec, drawn: 
     assert group_by_conditions(drawn, (4, 9, 2)) == ((4,), (9,), (2,))
 
 
-def test_a_plan_for_one_run_serves_all_with_the_same_conditions(nominal: TaskSpec, tmp_path: Path) -> None:
+@pytest.mark.parametrize("seed", [4, 9])
+def test_a_plan_for_one_run_serves_all_with_the_same_conditions(nominal: TaskSpec, tmp_path: Path, seed: int) -> None:
     about = {"reward": 1.0, "epi": 1.0, "penalty": 0.0}
-    PlanBook.of(nominal, (4,), np.zeros((nominal.steps, 6)), about).save(tmp_path / "4.npz")
-    (outcome,) = Search(nominal, (4, 9, 2), MY_AGENT, tmp_path).stored()
+    PlanBook.of(nominal, (seed,), np.zeros((nominal.steps, 6)), about).save(tmp_path / f"{seed}.npz")
+    search = Search(nominal, (4, 9, 2), MY_AGENT, tmp_path)
+    (outcome,) = search.stored()
     assert outcome.seeds == (4, 9, 2)
-    assert read_book(tmp_path / "4.npz").seeds == (2, 4, 9)
+    assert read_book(tmp_path / f"{seed}.npz").seeds == (2, 4, 9)
+    assert search.jobs() == [], "planned once, whichever run of the group it was made for"
 
 
 def test_machines_that_are_off_or_on_are_planned(tmp_path: Path) -> None:

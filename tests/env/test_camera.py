@@ -96,9 +96,9 @@ def test_it_shows_plants_of_the_heads_mass_that_change_with_the_planting_in_a_li
                 taken = heads[k]
             assert library.seeds[scene] == first + int(plants * plantings_shown), "of plants of the split"
             assert library.lights[scene] == int(light * 3)
-            assert abs(library.mass[scene] - max(taken, 0.0)) <= (MASSES[1] + 700.0 / 1023) / 2.0
+            assert abs(library.truth["mass"][scene] - max(taken, 0.0)) <= (MASSES[1] + 700.0 / 1023) / 2.0
         assert (run_scenes(task, seed, x[:, row], hours) == scenes).all(), "what records say of it"
-        assert library.mass[scenes].max() > 90.0
+        assert library.truth["mass"][scenes].max() > 90.0
         assert plantings > 1
 
 

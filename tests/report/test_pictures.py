@@ -62,7 +62,7 @@ def test_a_record_says_which_scene_is_shown_and_the_viewer_shows_it(made: tuple[
     episode = read_episode(file)
     scenes = episode["scene"].astype(int)
     heads = episode["head"]
-    assert np.abs(library.mass[scenes[24:]] - heads[24:]).max() < 40.0
+    assert np.abs(library.truth["mass"][scenes[24:]] - heads[24:]).max() < 40.0
     runs = shown_of([episode])
     save_recording(runs, tmp_path / "seen.rrd")
     sent = {}

@@ -373,7 +373,7 @@ def _misfit(result: Result, profile: Profile) -> str:
         content = document["energy"]
         parts["energy"] = (content["columns"], {*_AMOUNTS, _LEVEL} & {*energy_columns(spec)}, (of_day,))
         parts["prices of the energy"] = (content["prices"], {item.name for item in _changing(spec)}, (of_day,))
-    scenes = 0 if spec.picture_library is None else len(spec.picture_library.mass)
+    scenes = 0 if spec.picture_library is None else len(spec.picture_library.seeds)
     if not all(scene in range(scenes) for scene in document.get("pictures", ())):
         return "its pictures are none of the library's"
     for name, (content, names, shape) in parts.items():
