@@ -4,14 +4,12 @@
 
 The exit code is 0 if the result agrees, 1 if it differs (in which run, step and number), 2 if it cannot be audited (why).
 
-**From glbench** comes `glbench.model` alone, and of it the right-hand side of the plain model as a CasADi function; names; typical
-sizes of states; nominal parameters, the list `crop28`, and which parameters follow from which.
+**From glbench** comes `glbench.model` alone: right-hand side of the plain model, names, sizes of states, parameters and how they follow.
 
 **Written again here**, from the documentation: digests of results and records, inheritance of task files, Philox and all draws, weather and
 seasons, the start, actuation, the meters of violations, the integration, ledger, reward, sums and means.
 
-**Other libraries**, no part of glbench: mcap with its protobuf support unpacks the record, pyarrow reads the weather's Parquet file, and
-pvlib has NREL's algorithm for the position of the sun, which docs/weather.md names. docs/verification.md says how closely results agree.
+**Other libraries**: mcap unpacks the record, pyarrow reads the weather, pvlib places the sun. docs/verification.md has the tolerances.
 """
 
 from __future__ import annotations
@@ -24,6 +22,7 @@ import math
 import re
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from functools import partial, reduce
@@ -93,15 +92,13 @@ def read_record(path: Path) -> tuple[Table, list[Run], str]:
         texts = {one.name: one.data for one in reader.iter_attachments()}
         parts = [(channel.topic, part) for _, channel, _, part in reader.iter_decoded_messages(log_time_order=False)]
     provenance, sha, runs = json.loads(texts["provenance.json"]), hashlib.sha256(), []
-    columns = len(provenance["agent"]["columns"])
-    field = parts[0][1].DESCRIPTOR.fields_by_name["actions"]
-    kind = np.dtype("<f8" if field.type == field.TYPE_DOUBLE else "<f4")
+    kind = np.dtype("<f8" if (field := parts[0][1].DESCRIPTOR.fields_by_name["actions"]).type == field.TYPE_DOUBLE else "<f4")
     for text in (texts["provenance.json"], texts["runs.json"], texts["task.json"]):
         sha.update(len(text).to_bytes(8, "little") + text)
     sha.update(kind.name.encode())
     for run in json.loads(texts["runs.json"])["runs"]:
         own = sorted((part for topic, part in parts if topic == f"/runs/{run['seed']}"), key=lambda part: int(part.first_step))
-        actions = np.concatenate([np.array(part.actions, kind).reshape(columns, -1).T for part in own])
+        actions = np.concatenate([np.array(part.actions, kind).reshape(len(provenance["agent"]["columns"]), -1).T for part in own])
         rewards, final = np.concatenate([np.array(part.rewards, "<f8") for part in own]), np.array(own[-1].final_state, "<f8")
         for array in (actions, rewards, final):
             sha.update(np.ascontiguousarray(array).tobytes())
@@ -559,20 +556,23 @@ def audit(path: Path, most: int | None, task_file: str | None) -> list[str]:
     if result["task"].get("salt_commitment") or not result["record"]:
         end(CANNOT, "results of sealed rounds, and those without a record, are not covered")
     covered = {"task": digest, "agent": {one: result["agent"][one] for one in ("name", "digest")}, "runs": runs}
-    means = {name: math.fsum(run["metrics"][name] for run in runs) / len(runs) for name in result["units"]}
-    if hashlib.sha256(canonical(covered).encode()).hexdigest() != result["results_digest"] or means != result["summary"]["mean"]:
-        end(DIFFERS, "results_digest or the means in the summary do not follow from the runs")
-    if [run["seed"] for run in runs] != seeds or seeds != list(range(seeds[0], seeds[0] + len(runs))):
-        end(DIFFERS, "the seeds are not those of the runs, one after the other")
+    means = {name: math.fsum(run["metrics"][name] for run in runs) / len(runs) for name in runs[0]["metrics"]}
+    n, good, numbers = len(runs), sum(run["status"] == "ok" for run in runs), list(range(seeds[0], seeds[0] + len(runs)))
+    summary = {"runs": n, "ok": good, "failed": n - good, "statuses": Counter(run["status"] for run in runs), "mean": means}
+    if hashlib.sha256(canonical(covered).encode()).hexdigest() != result["results_digest"] or summary != result["summary"]:
+        end(DIFFERS, "results_digest or the summary do not follow from the runs")
+    if not numbers == seeds == [run["seed"] for run in runs] or (result["evaluation"]["runs"], {*result["units"]}) != (n, {*means}):
+        end(DIFFERS, "units or number of runs, or seeds, are not those of the runs, one after the other")
     provenance, recorded, content = read_record(path.with_name(result["record"]["file"]))
     facts = [[[run[one] for one in ("seed", "status", "reason", "steps")] for run in some] for some in (runs, [run[0] for run in recorded])]
-    if content != result["record"]["digest"] or provenance["task"]["digest"] != digest or facts[0] != facts[1]:
-        end(DIFFERS, "the record is not the one that the result names, or tells something else of its runs")
+    facts += [[one["task"]["digest"], *(one["agent"][key] for key in ("name", "digest", "privileged"))] for one in (result, provenance)]
+    if content != result["record"]["digest"] or facts[0] != facts[1] or facts[2] != facts[3]:
+        end(DIFFERS, "the record is not the one that the result names, or tells something else of its runs, task or agent")
     tables, lock = task_tables(task_file or name, Path()), tomllib.loads((ROOT / "tasks" / "lock.toml").read_text(encoding="utf-8"))
     if tables["id"] != name or lock.get(name, {"digest": digest})["digest"] != digest:
-        code = DIFFERS if tables["id"] == name else CANNOT
-        end(code, f"the result is of a task {name} with another digest than the published one, or the task file is of {tables['id']}")
+        end(DIFFERS if tables["id"] == name else CANNOT, f"the digest is not that of {name}, or the task file is of {tables['id']}")
     task, words = Task(tables, result["task"].get("split")), list[str]()
+    compare("the number of steps", task.steps, result["task"]["steps"], 0.0)
     for run, given in list(zip(recorded, runs, strict=True))[:most]:
         if given["status"] == "simulation_failed" or (given["status"] == "ok") != (given["steps"] == task.steps):
             end(CANNOT, f"run {given['seed']} is {given['status']} after {given['steps']} steps, which is not covered")

@@ -159,7 +159,7 @@ def cells_of(design: Design) -> dict[str, Cell]:
 def choose(cells: Mapping[str, Cell], text: str | None) -> list[Cell]:
     """The cells of a list of names and patterns such as ``spring.draw-*``; all without one. Raises ``GlbenchError`` when one names none."""
     keys = set[str]()
-    for pattern in (part.strip() for part in (text or "*").split(",")):
+    for pattern in (part.strip() for part in ("*" if text is None else text).split(",")):
         matches = {key for key in cells if fnmatchcase(key, pattern)}
         if not matches:
             refuse(f"There is no cell '{pattern}'.{did_you_mean(pattern, cells)} `cells` lists them.", GlbenchError)
@@ -428,6 +428,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             say(write_tables(options.work, options.add))
             return 0
+        if options.workers < 1:
+            refuse(f"--workers is {options.workers}: it must be at least 1.", GlbenchError)
         changes = {key: value for key in ("split", "trainings", "runs", "steps") if (value := getattr(options, key)) is not None}
         design = read_design(options.design, changes)
         return run(Study(design, options.design, options.work), choose(cells_of(design), options.cells), options.workers, options.ray)

@@ -215,9 +215,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for training in (Training.of(kind, seed, options.settings) for seed in options.seeds for kind in options.only):
             folder = options.work / training.name
-            if options.ship and training.is_done(folder):
+            if options.ship and not training.is_done(folder):
+                log.info("%s: not finished, so not shipped", training.name)
+            elif options.ship:
                 ship(training, folder)
-            elif not options.ship and not training.is_done(folder):
+            elif not training.is_done(folder):
                 history = training.carry_out(folder)
                 log.info("%s: done, best mean %.2f EUR/m2 at %d steps", training.name, history.best_reward, history.best_steps)
     except GlbenchError as error:

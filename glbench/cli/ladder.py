@@ -107,9 +107,13 @@ def ladder(
         observed=len(spec.observed()), zero=zero_name, rules=rules_name, rungs=tuple(rungs), rows=rows_of(rungs, zero_name),
         verdicts=verdicts_of(rungs, rules_name, zero_name), separation=separation_of(rungs, rules_name),
     )  # fmt: skip
-    write_atomically(folder / "ladder.json", document.model_dump_json(by_alias=True, indent=1) + "\n")
-    printer.say(console.aside(f"Saved: {folder / 'ladder.json'}"))
     is_whole = len(policies) == len(names) * trainings and len(results) == len(policies) + len(others)
+    file = folder / ("ladder.json" if split == "validation" else f"ladder-{split}.json")
+    if is_whole or not file.exists():
+        write_atomically(file, document.model_dump_json(by_alias=True, indent=1) + "\n")
+        printer.say(console.aside(f"Saved: {file}"))
+    else:
+        console.print_warning(f"This ladder is not complete, so {file} stays as it is.")
     printer.show(ladder_view(document, code=0 if is_whole else 1))
 
 
@@ -154,7 +158,8 @@ def _view_names(task: TaskSpec, text: str) -> list[str]:
             refuse(f"--views: there is no view '{name}'.{did_you_mean(name, ('each', *VIEWS))}", TrainingError)
         names += left_out_views(task) if name == "each" else [name]
     for name in names:
-        visible_columns(task, (name,))
+        if visible_columns(task, (name,)).all() and name.startswith("without_"):
+            refuse(f"--views: '{name}' leaves nothing out, because {task.id} shows no such column.", TrainingError)
     return list(dict.fromkeys(names))
 
 

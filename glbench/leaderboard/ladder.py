@@ -270,7 +270,7 @@ def _words(interval: Interval, ladder: Ladder) -> str:
 
 
 def _open(interval: Interval, ladder: Ladder, unit: str = "") -> str:
-    return f"not resolved (below {max(-interval.low, interval.high):,.{ladder.digits}f}{unit})"
+    return f"not resolved (below {max(0.0, -interval.low, interval.high):,.{ladder.digits}f}{unit})"
 
 
 def _before(name: str, rungs: Mapping[str, Rung]) -> Rung | None:

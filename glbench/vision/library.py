@@ -64,7 +64,8 @@ class Library:
         """
         folder = data_folder("images")
         manifest = tomllib.loads((folder / "manifest.toml").read_text(encoding="utf-8"))
-        name = max((one for one in manifest if one.rpartition("-")[0] == crop), default=crop) if version is None else f"{crop}-{version}"
+        versions = [int(one.rpartition("-")[2]) for one in manifest if one.rpartition("-")[0] == crop] if version is None else [version]
+        name = f"{crop}-{max(versions)}" if versions else crop
         if name not in manifest:
             msg = f"There are no pictures '{name}'. There are: {', '.join(sorted(manifest))}."
             raise GlbenchError(msg)

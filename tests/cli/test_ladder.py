@@ -143,7 +143,7 @@ def test_it_continues_what_was_interrupted_and_repeats_nothing(day: Path, glbenc
     stopped = glbench(*arguments, "--views", "outdoor")
     assert stopped.code == 130
     assert "Run the same command again to continue" in stopped.err
-    assert not (day / "lad" / "ladder.json").exists()
+    assert not (day / "lad" / "ladder-test.json").exists()
     monkeypatch.undo()
     monkeypatch.setenv("GLBENCH_SANDBOX", "none")
     monkeypatch.setenv("COLUMNS", "200")
@@ -156,7 +156,7 @@ def test_it_continues_what_was_interrupted_and_repeats_nothing(day: Path, glbenc
     assert [file.stat().st_mtime_ns for file in policies] == times
     assert whole.err.count("already there") == 3, "three evaluations were done before the interruption"
     assert "choose nothing by them" in whole.err
-    ladder = Ladder.model_validate_json((day / "lad" / "ladder.json").read_text(encoding="utf-8"))
+    ladder = Ladder.model_validate_json((day / "lad" / "ladder-test.json").read_text(encoding="utf-8"))
     assert [rung.name for rung in ladder.rungs] == ["outdoor", "without_co2", "rule_based_unlit", "rule_based_fair", "steady"]
     assert [rung.kind for rung in ladder.rungs] == ["ppo", "ppo", "other", "other", "other"]
     assert [rung.columns for rung in ladder.rungs] == [15, 21, None, None, None]
@@ -171,12 +171,15 @@ def test_it_continues_what_was_interrupted_and_repeats_nothing(day: Path, glbenc
     (policies[0].parent / "settings.yml").unlink()
     again = glbench(*arguments, "--views", "outdoor,without_co2", "--json")
     assert again.code == 0
-    assert json.loads(again.out) == json.loads((day / "lad" / "ladder.json").read_text(encoding="utf-8"))
+    assert json.loads(again.out) == json.loads((day / "lad" / "ladder-test.json").read_text(encoding="utf-8"))
     assert [file.stat().st_mtime_ns for file in policies] == times
 
     other = glbench(*arguments, "--views", "outdoor", "--steps", "400")
     assert other.code == 1, "another number of steps is another training"
     assert "holds another training" in other.err
+    assert "This ladder is not complete, so lad/ladder-test.json stays as it is." in other.err
+    kept = json.loads((day / "lad" / "ladder-test.json").read_text(encoding="utf-8"))
+    assert [rung["name"] for rung in kept["rungs"]] == [rung.name for rung in ladder.rungs]
 
 
 @pytest.mark.slow

@@ -167,6 +167,8 @@ def test_cells_are_chosen_by_names_and_patterns() -> None:
     assert len(choose(CELLS, None)) == len(CELLS)
     with pytest.raises(GlbenchError, match=r"no cell 'spring.draw-stp'. Did you mean 'spring.draw-step'"):
         choose(CELLS, "spring.centre,spring.draw-stp")
+    with pytest.raises(GlbenchError, match="no cell ''"):  # an unset variable of the shell is not the whole design
+        choose(CELLS, "")
 
 
 def test_verdicts_are_on_the_sign_of_the_centre() -> None:
@@ -258,6 +260,8 @@ def test_what_cannot_be_is_refused_before_anything_is_computed(small: Path, capf
     (small / "small.yml").unlink()
     assert factors.main(command) == 1
     assert "The recipe 'small' is missing" in capfd.readouterr().err
+    assert factors.main(["run", "--work", str(small / "none"), "--workers", "0"]) == 1
+    assert "--workers is 0: it must be at least 1" in capfd.readouterr().err
     assert factors.main(["table", "--work", str(small / "nothing")]) == 1
     assert "There is no study in" in capfd.readouterr().err
     assert not (small / "work" / "trainings").exists()

@@ -165,6 +165,29 @@ def test_a_digest_that_was_not_repaired(forged, made, capsys):
     differs(forged, made, capsys, "results_digest")
 
 
+@pytest.mark.parametrize(
+    ("table", "key", "value", "words"),
+    [
+        ("agent", "name", "other", "agent"),
+        ("agent", "digest", "1" * 64, "agent"),
+        ("agent", "privileged", True, "agent"),
+        ("summary", "runs", 500, "summary"),
+        ("summary", "statuses", {"ok": 500}, "summary"),
+        ("evaluation", "runs", 100, "number of runs"),
+        ("units", "reward", None, "units"),
+        ("task", "steps", 5, "the number of steps is 96"),
+    ],
+)
+def test_who_acted_and_what_is_counted(forged, made, capsys, table, key, value, words):
+    def change(document):
+        document[table][key] = value
+        if value is None:
+            del document[table][key]
+
+    rewrite(forged, change, repair=table == "agent")
+    differs(forged, made, capsys, words)
+
+
 def test_what_cannot_be_audited(forged, made, capsys):
     code, words = audited(forged, made, capsys, task="day")
     assert (code, "the task file is of test/Day-v1" in words) == (2, True), words
