@@ -72,8 +72,7 @@ class ArchiveError(GlbenchError):
 def whole_number(value: object, what: str) -> int:
     """``value`` as an int. Raises ``GlbenchError`` when it is none, with ``what`` it is of: ``"The number of runs"``."""
     if isinstance(value, bool) or not hasattr(type(value), "__index__"):
-        msg = f"{what} is a whole number; got {value!r}."
-        raise GlbenchError(msg)
+        refuse(f"{what} is a whole number; got {value!r}.", GlbenchError)
     return operator.index(value)  # type: ignore[arg-type]
 
 

@@ -20,7 +20,6 @@ import importlib
 import os
 import pickle
 import signal
-import threading
 import time
 import traceback
 import uuid
@@ -36,7 +35,7 @@ from typing import Any, Self, TypeVar
 from glbench.children import worker
 from glbench.errors import GlbenchError, refuse
 from glbench.extras import require
-from glbench.resources import Scratch
+from glbench.resources import Scratch, signal_handlers_kept
 
 RETRIES = 3  # How often a job is started again after its worker was lost
 _POLL_SECONDS = 0.5
@@ -407,7 +406,7 @@ class RayExecutor(Executor):
 
     def __enter__(self) -> Self:
         """Connect to the cluster, or start it. Raises ``GlbenchError`` when it cannot be reached or started."""
-        with _keep_signal_handlers():
+        with signal_handlers_kept((signal.SIGTERM, signal.SIGINT)):  # with those that Ray sets, TERM would abort this process
             self._connect()
         try:
             cores = max(1, int(self._ray.cluster_resources().get("CPU", 1)))
@@ -501,20 +500,6 @@ class RayExecutor(Executor):
             del self._running[reference]
             with contextlib.suppress(Exception):  # one that has ended cannot be cancelled, which is fine
                 self._ray.cancel(reference, force=True)
-
-
-@contextlib.contextmanager
-def _keep_signal_handlers() -> Iterator[None]:
-    """Restore the signal handlers that Ray replaces when it starts: with Ray's, TERM would abort this process."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 @dataclass

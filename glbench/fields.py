@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from pydantic import AfterValidator, Field
 
@@ -15,10 +15,3 @@ Count = Annotated[int, Field(ge=0, le=LARGEST_INTEGER)]
 _Line = Annotated[str, AfterValidator(one_line)]
 Word = Annotated[_Line, Field(max_length=300)]
 Text = Annotated[_Line, Field(max_length=LONGEST_TEXT)]
-
-
-def only_if_sealed(plain: dict[str, Any]) -> dict[str, Any]:
-    """A record as it is written: without a commitment where the draws are public, so that such records keep their bytes."""
-    if plain.get("salt_commitment", "") is None:
-        del plain["salt_commitment"]
-    return plain

@@ -12,13 +12,15 @@ import hashlib
 import importlib.util
 import json
 import os
+import signal
 import sys
+import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from glbench.errors import GlbenchError, refuse
 from glbench.untrusted import real_path, reason_of
@@ -151,6 +153,22 @@ def _user_folder(variable: str, of_platform: str, usual: str) -> Path:
     except RuntimeError as error:
         # A folder for all users, such as /tmp, will not do: compiled kernels are loaded from there.
         refuse(f"This user has no home folder: set HOME, or {variable}, to a folder that only this user may write to.", GlbenchError, error)
+
+
+@contextlib.contextmanager
+def signal_handlers_kept(numbers: Iterable[int]) -> Iterator[dict[int, Any]]:
+    """Handlers of signals, which are put back afterwards; none in another thread than the main one, which alone may set handlers.
+
+    A handler that was not set from Python cannot be put back, and is left out.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    handlers = {number: signal.getsignal(number) for number in numbers} if is_main else {}
+    handlers = {number: handler for number, handler in handlers.items() if handler is not None}
+    try:
+        yield handlers
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager

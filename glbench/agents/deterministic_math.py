@@ -87,8 +87,7 @@ def exp(x: Floats) -> Floats:
     for coefficient in _COEFFICIENTS[-2::-1]:
         series *= rest
         series += coefficient
-    result: Floats = np.ldexp(series, halvings.astype(np.int32))
-    return result
+    return np.ldexp(series, halvings.astype(np.int32))
 
 
 def silu(x: Floats) -> Floats:

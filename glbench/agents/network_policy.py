@@ -162,8 +162,7 @@ class NetworkPolicy:
         """What the first layer gets for observations, or for the first columns of them."""
         columns = observations.shape[1]
         values = (observations.astype(np.float64) - self.mean[:columns]) / self.scale[:columns]
-        x: Floats = np.clip(values, -self.clip, self.clip)
-        return x
+        return np.clip(values, -self.clip, self.clip)
 
     def hidden(self, x: Any) -> Any:
         """The last hidden layer ``(rows, hidden)`` for normalised observations."""
@@ -174,8 +173,7 @@ class NetworkPolicy:
         if self.output == "tanh":
             tanh = self.arithmetic.activations["Tanh"]
             x = self.low + 0.5 * (tanh(x) + 1.0) * (self.high - self.low)
-        actions: Floats = np.clip(x, self.low, self.high)
-        return actions
+        return np.clip(x, self.low, self.high)
 
     def why_not(self, task: TaskCard) -> str | None:
         """Why this policy cannot act in ``task``, in words; ``None`` when it can."""

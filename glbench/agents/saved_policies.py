@@ -96,8 +96,7 @@ def _statistics_from(file: Path, columns: int) -> Normalise:
     _check_columns(f"The statistics in {file.name} are", shape[0], columns)
 
     def normalise(observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        normalised: NDArray[np.float32] = np.asarray(statistics.normalize_obs(observations), dtype=np.float32)
-        return normalised
+        return np.asarray(statistics.normalize_obs(observations), dtype=np.float32)
 
     return normalise
 
@@ -208,8 +207,7 @@ def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     output = session.get_outputs()[0].name
 
     def function(rows: Rows) -> NDArray[np.floating]:
-        answer: NDArray[np.floating] = np.asarray(session.run([output], {name: rows.astype(kind, copy=False)})[0])
-        return answer
+        return np.asarray(session.run([output], {name: rows.astype(kind, copy=False)})[0])
 
     return _agent(submission, task, function, block)
 

@@ -294,8 +294,7 @@ class TunedRulesAgent(ObservedController):
         unknown = [name for name in (VENTS, *task.action_names) if name not in self.works or name not in controls]
         if unknown:
             them = f"{self.title[:1].upper()}{self.title[1:]} work {', '.join(self.works)}"
-            msg = f"{them}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
-            raise SubmissionError(msg)
+            refuse(f"{them}; {task.id} is another kind of greenhouse ({', '.join(unknown)}).", SubmissionError)
         self.begin(task, n_runs, self.needed, optional=self.welcome, positions=(VENTS,))
 
     def decide(self, readings: dict[str, Floats], positions: dict[str, Floats], /) -> Floats:

@@ -29,6 +29,7 @@ from rich.measure import Measurement
 from rich.padding import Padding
 from rich.text import Text
 
+from glbench.resources import signal_handlers_kept
 from glbench.untrusted import visible
 
 DEBUG_VARIABLE = "GLBENCH_DEBUG"
@@ -397,19 +398,11 @@ def leaving_at_once() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _handled_by(handler: Callable[[int, FrameType | None], NoReturn]) -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():  # Python allows signal handlers in the main thread only
-        yield
-        return
-    # Ignored signals stay ignored (nohup), and handlers that were not set from Python cannot be put back.
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
-    before = {number: usual for number, usual in before.items() if usual not in {signal.SIG_IGN, None}}
-    for number in before:
-        signal.signal(number, handler)
-    try:
-        yield
-    finally:
+    with signal_handlers_kept(_SIGNALS) as before:
         for number, usual in before.items():
-            signal.signal(number, usual)
+            if usual != signal.SIG_IGN:  # ignored signals stay ignored (nohup)
+                signal.signal(number, handler)
+        yield
 
 
 def leave(code: int) -> NoReturn:

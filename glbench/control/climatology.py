@@ -278,8 +278,7 @@ def day_of_year(seconds: Floats) -> Floats:
     """Days since the start of the year, UTC, at ``seconds`` since 1970."""
     moments = np.floor(seconds).astype(np.int64).astype("datetime64[s]")
     begin = moments.astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
-    days: Floats = (seconds - begin) / 86400.0
-    return days
+    return (seconds - begin) / 86400.0
 
 
 class WeatherObservation:

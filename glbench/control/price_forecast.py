@@ -85,8 +85,7 @@ class PriceForecast:
     def _explained(self, market: str, weather: Floats, hours: slice) -> Floats:
         table = self._markets[market]
         shape = np.array(table.shape or SHAPE)[self._hour_of_day[:, hours]]
-        explained: Floats = shape - table.sun * (weather[..., 0] / RADIATION) - table.wind * ((weather[..., 1] - WIND) / WIND)
-        return explained
+        return shape - table.sun * (weather[..., 0] / RADIATION) - table.wind * ((weather[..., 1] - WIND) / WIND)
 
     def ahead(self, k: int, weather: Floats) -> dict[str, Floats]:
         """Prices of every table that follows a market, in the steps from ``k`` on and at the end of the last ``(n, T + 1)``.

@@ -116,5 +116,4 @@ def radius_shares(stage: StageReward, linearisation: Trajectory) -> Floats:
             # State by state, not as a product of matrices: the libraries for those differ in their last bits.
             slope = sum(gradient[..., quantity, place, None] * du[..., place, :] for place in places)
             effect += np.abs(slope) / (limits[name].high - limits[name].low)
-    shares: Floats = np.minimum(1.0, 1.0 / (effect + 1e-9))
-    return shares
+    return np.minimum(1.0, 1.0 / (effect + 1e-9))

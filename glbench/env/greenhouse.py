@@ -19,14 +19,12 @@ from glbench.errors import ActionError
 from glbench.tasks import Normalisation
 
 if TYPE_CHECKING:
-    from gymnasium.envs.registration import EnvSpec
-
     from glbench.env.kernels import Stepper
     from glbench.env.snapshot import Snapshot
     from glbench.tasks import TaskSpec
 
 
-class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class GreenhouseEnv(spaces.WithHorizon, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """A greenhouse under control, as a task defines it.
 
     ``gymnasium.make("glbench:glbench/Schiphol2010-Delta10-v1")`` makes one.
@@ -98,7 +96,6 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         "render_modes": list(rendering.drawable_modes()),
         "render_fps": rendering.FRAMES_PER_SECOND,
     }
-    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -119,15 +116,6 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.simulation = Simulation(self.task, 1, kernel)
         self._info = InfoWriter(self.task)
         self._camera = rendering.Camera(self.simulation) if render_mode == rendering.PICTURES else None
-
-    @property
-    def spec(self) -> EnvSpec | None:  # Gymnasium declares an attribute, which ``make`` sets
-        """The registered spec with the horizon of the task as ``max_episode_steps``; ``None`` without ``gymnasium.make``."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = spaces.with_horizon(spec, self.task)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start an episode.

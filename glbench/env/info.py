@@ -20,11 +20,6 @@ STEP_REWARD = "step_reward"
 """Key of the reward: tools that merge ``info`` with what a step returns (TorchRL) have a ``reward`` of their own."""
 
 
-def info_of_step(task: TaskSpec) -> tuple[StepQuantity, ...]:
-    """The quantities of a step of ``task`` under their names in ``info``, in the order of ``task.quantities``."""
-    return tuple(replace(q, name=STEP_REWARD) if q.name == "reward" else q for q in task.quantities)
-
-
 def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
     """Names, units and meanings of the numbers in ``info``; the last, the quantities of the step, are missing after a reset."""
     return (
@@ -37,7 +32,7 @@ def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
             if task.model_value.air is not None
         ),
         *(StepQuantity(capacity.quantity, capacity.unit, capacity.meaning) for capacity in task.capacities()),
-        *info_of_step(task),
+        *(replace(q, name=STEP_REWARD) if q.name == "reward" else q for q in task.quantities),
     )
 
 

@@ -185,8 +185,7 @@ class NumpyEnvironments(Environments):
         if not ((values >= bounds.lowest) & (values <= bounds.highest)).all():  # False for NaN as well
             return None
         values += 0.0  # -0.0 becomes 0.0: which of two zeros is the larger depends on the place in the batch
-        limited: Floats = np.minimum(np.maximum(values, bounds.low), bounds.high)
-        return limited
+        return np.minimum(np.maximum(values, bounds.low), bounds.high)
 
     def _advance(self, controls: Floats) -> int:
         """One step of all environments that run under ``controls``, which are this method's to keep."""

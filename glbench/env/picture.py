@@ -346,8 +346,7 @@ class _Brush:
         if axes not in self._matrices:
             self._matrices[axes] = axes.transData.get_affine().get_matrix()
         matrix = self._matrices[axes]
-        pixels: Floats = points @ matrix[:2, :2].T + matrix[:2, 2]
-        return pixels
+        return points @ matrix[:2, :2].T + matrix[:2, 2]
 
     def _context(self, axes: _AxesBase, color: Any, width: float, *, clipped: bool) -> Any:
         context = self._renderer.new_gc()

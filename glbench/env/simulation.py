@@ -19,7 +19,7 @@ from glbench.env.numpy_environments import NO_PARTS, NumpyEnvironments, Paramete
 from glbench.env.program import air_columns, info_columns, make_program
 from glbench.env.scenario import RunScenarios
 from glbench.env.snapshot import Snapshot
-from glbench.env.spaces import checked_seed, no_generators, the_task
+from glbench.env.spaces import GENERATOR_WORDS, checked_seed, the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError, refuse
 from glbench.kernel import StepFailure
 from glbench.kernel.environment import Environments
@@ -236,8 +236,7 @@ class Simulation:
     @property
     def time(self) -> NDArray[np.datetime64]:
         """Date and time (UTC) at the start of each run's next step, ``(n,)``."""
-        rows: NDArray[np.datetime64] = self.scenarios.pool.times[self._calendar_rows()]
-        return rows
+        return self.scenarios.pool.times[self._calendar_rows()]
 
     def reset(self, seeds: Sequence[int] | NDArray[np.integer], rows: ArrayLike | None = None) -> NDArray[np.float32]:
         """Restart runs with ``seeds`` (one each), in all rows or in ``rows`` (numbers or a mask).
@@ -345,9 +344,9 @@ class Simulation:
     def snapshot(self) -> Snapshot:
         """What ``restore`` needs to continue from here with the same bits."""
         self._check_ready()
-        task = self.task
+        task, generators = self.task, np.empty((0, GENERATOR_WORDS), dtype=np.uint64)  # no environment draws the seeds
         return Snapshot(
-            task.id, task.digest, self.x, self.u, self.k, self.seeds, self.ended, no_generators(), self.memory, _split(task)
+            task.id, task.digest, self.x, self.u, self.k, self.seeds, self.ended, generators, self.memory, _split(task)
         )  # fmt: skip
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
@@ -429,8 +428,7 @@ class Simulation:
 
     def _calendar_rows(self) -> NDArray[np.int64]:
         """Row of the pool's calendar at which each run stands ``(n,)``."""
-        rows: NDArray[np.int64] = self._environments.first + self._environments.k
-        return rows
+        return self._environments.first + self._environments.k
 
     def _table(self) -> Floats:
         if "table" not in self._copies:

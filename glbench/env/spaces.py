@@ -71,13 +71,24 @@ def action_space(task: TaskSpec) -> Vectors:
     return cast("Vectors", spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32))
 
 
-def with_horizon(spec: EnvSpec | None, task: TaskSpec) -> EnvSpec | None:
-    """``spec`` with the steps of an episode of ``task``.
+class WithHorizon:
+    """An environment whose registered spec has the steps of an episode of its task.
 
     Gymnasium's wrappers read the horizon there. The registry leaves it out: ``make`` would add a ``TimeLimit``, which reports the end of a
     season as truncated as well, and cuts seasons that ``overrides`` makes longer.
     """
-    return None if spec is None else replace(spec, max_episode_steps=task.steps)
+
+    task: TaskSpec
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:  # Gymnasium declares an attribute, which ``make`` sets
+        """The registered spec with the horizon of the task as ``max_episode_steps``; ``None`` without ``make`` or ``make_vec``."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = None if spec is None else replace(spec, max_episode_steps=self.task.steps)
 
 
 def check_names(options: Mapping[str, Any] | None, names: tuple[str, ...]) -> Mapping[str, Any]:
@@ -125,11 +136,6 @@ def checked_seed(seed: object) -> int:
 def draw_seed(generator: np.random.Generator) -> int:
     """A random seed for an episode."""
     return int(generator.integers(DRAWN_BELOW))
-
-
-def no_generators() -> NDArray[np.uint64]:
-    """Generators of a snapshot whose seeds no environment draws: ``(0, 6)``."""
-    return np.empty((0, GENERATOR_WORDS), dtype=np.uint64)
 
 
 def pack_generator(generator: np.random.Generator) -> NDArray[np.uint64]:

@@ -23,8 +23,6 @@ from glbench.kernel import make_kernel
 from glbench.tasks import Normalisation
 
 if TYPE_CHECKING:
-    from gymnasium.envs.registration import EnvSpec
-
     from glbench.env.kernels import Stepper
     from glbench.env.simulation import StepResult
     from glbench.env.snapshot import Snapshot
@@ -35,7 +33,7 @@ Actions = NDArray[np.floating[Any]]
 Step = tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
+class GreenhouseVectorEnv(spaces.WithHorizon, VectorEnv[Observations, Actions, NDArray[Any]]):
     """``num_envs`` greenhouses of one task; row i behaves, to the bit, like a ``GreenhouseEnv`` with the seed of row i.
 
     ``gymnasium.make_vec("glbench:glbench/Schiphol2010-Delta10-v1", num_envs=8)`` makes one.
@@ -67,8 +65,6 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     split, overrides, normalise
         As for ``GreenhouseEnv``.
     """
-
-    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -112,15 +108,6 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self._generators: list[np.random.Generator] = []
         self._generator_seeds: list[int] = []
         self._result: StepResult | None = None
-
-    @property
-    def spec(self) -> EnvSpec | None:  # as in ``GreenhouseEnv``
-        """The registered spec with the horizon of the task as ``max_episode_steps``; ``None`` without ``gymnasium.make_vec``."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = spaces.with_horizon(spec, self.task)
 
     @property  # type: ignore[misc]  # read-only, one for each row, as in SyncVectorEnv
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -16,7 +16,7 @@ from glbench import __version__
 from glbench.agents import LoadedAgent
 from glbench.canonical import canonical_json
 from glbench.errors import EpisodeError, TaskError, refuse
-from glbench.fields import MOST_ENTRIES, Count, Text, Word, only_if_sealed
+from glbench.fields import MOST_ENTRIES, Count, Text, Word
 from glbench.tasks import TaskSpec
 from glbench.untrusted import is_agent_name, parse_json, steers, visible
 
@@ -45,7 +45,7 @@ class TaskFacts(Facts):
 
     @pydantic.model_serializer(mode="wrap")
     def _without_what_is_not(self, write: pydantic.SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return only_if_sealed(write(self))
+        return {name: entry for name, entry in write(self).items() if name != "salt_commitment" or entry is not None}
 
 
 class AgentFacts(Facts):

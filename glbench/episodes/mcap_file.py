@@ -25,25 +25,10 @@ from typing import IO
 import numpy as np
 import zstandard
 from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from mcap import records as mcap_records
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
@@ -199,10 +184,7 @@ def _add_field(message: DescriptorProto, name: str, number: int, kind: int) -> F
     index = len(message.oneof_decl)
     message.oneof_decl.add(name=f"_{name}")
     optional = FieldDescriptorProto.LABEL_OPTIONAL
-    added: FieldDescriptorProto = message.field.add(
-        name=name, number=number, type=kind, label=optional, proto3_optional=True, oneof_index=index
-    )
-    return added
+    return message.field.add(name=name, number=number, type=kind, label=optional, proto3_optional=True, oneof_index=index)
 
 
 def _key(number: int, wire_type: int) -> bytes:
@@ -229,24 +211,24 @@ class McapWriter:
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
         self._position = self._checksum = 0
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
-        self._attachments: list[AttachmentIndex] = []
-        self._metadata: list[MetadataIndex] = []
+        self._schemas: list[mcap_records.Schema] = []
+        self._channels: list[mcap_records.Channel] = []
+        self._chunks: list[mcap_records.ChunkIndex] = []
+        self._attachments: list[mcap_records.AttachmentIndex] = []
+        self._metadata: list[mcap_records.MetadataIndex] = []
         self._counts: dict[int, int] = {}
         self._append(MCAP0_MAGIC)
-        self._write(Header(PACKAGE, PACKAGE))
+        self._write(mcap_records.Header(PACKAGE, PACKAGE))
 
     def schema(self, name: str, data: bytes) -> int:
         """Add a message type of protobuf; its number."""
-        self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding="protobuf", data=data))
+        self._schemas.append(mcap_records.Schema(id=len(self._schemas) + 1, name=name, encoding="protobuf", data=data))
         self._write(self._schemas[-1])
         return len(self._schemas)
 
     def channel(self, topic: str, schema: int, metadata: Mapping[str, str]) -> int:
         """Add a channel of protobuf messages; its number."""
-        self._channels.append(Channel(len(self._channels) + 1, topic, "protobuf", dict(metadata), schema))
+        self._channels.append(mcap_records.Channel(len(self._channels) + 1, topic, "protobuf", dict(metadata), schema))
         self._write(self._channels[-1])
         self._counts[len(self._channels)] = 0
         return len(self._channels)
@@ -254,14 +236,14 @@ class McapWriter:
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add a table of words."""
         offset = self._position
-        length = self._write(Metadata(name=name, metadata=dict(values)))
-        self._metadata.append(MetadataIndex(offset, length, name))
+        length = self._write(mcap_records.Metadata(name=name, metadata=dict(values)))
+        self._metadata.append(mcap_records.MetadataIndex(offset, length, name))
 
     def attachment(self, name: str, data: bytes) -> None:
         """Add a JSON file within the file."""
         kind, offset = "application/json", self._position
-        length = self._write(Attachment(0, 0, name, kind, data))
-        self._attachments.append(AttachmentIndex(offset, length, 0, 0, len(data), name, kind))
+        length = self._write(mcap_records.Attachment(0, 0, name, kind, data))
+        self._attachments.append(mcap_records.AttachmentIndex(offset, length, 0, 0, len(data), name, kind))
 
     def chunk(self, messages: bytes, index: Index) -> None:
         """Add a chunk of messages, with their index, and hand it to the system."""
@@ -271,7 +253,7 @@ class McapWriter:
         packed = zstandard.ZstdCompressor(compression_params=_QUICK).compress(messages)
         if len(packed) > _DENSE * len(messages):
             packed = zstandard.ZstdCompressor(compression_params=_THOROUGH).compress(messages)
-        length = self._write(Chunk("zstd", packed, ended, started, zlib.crc32(messages), len(messages)))
+        length = self._write(mcap_records.Chunk("zstd", packed, ended, started, zlib.crc32(messages), len(messages)))
         places = {}
         for channel, (times, offsets) in index.items():
             places[channel] = self._position
@@ -281,28 +263,30 @@ class McapWriter:
             self._append(head + entries.tobytes())
             self._counts[channel] += len(times)
         index_length = self._position - offset - length
-        self._chunks.append(ChunkIndex(length, offset, "zstd", len(packed), ended, index_length, places, started, len(messages)))
+        self._chunks.append(
+            mcap_records.ChunkIndex(length, offset, "zstd", len(packed), ended, index_length, places, started, len(messages))
+        )
         self._file.flush()
 
     def finish(self) -> None:
         """Write what makes the file whole: the end mark and the summary."""
-        self._write(DataEnd(self._checksum))
+        self._write(mcap_records.DataEnd(self._checksum))
         start, summary, offsets = self._position, RecordBuilder(), []
         for opcode, records in self._summary():
             began = summary.count
             for record in records:
                 record.write(summary)
-            offsets.append(SummaryOffset(opcode, start + began, summary.count - began))
+            offsets.append(mcap_records.SummaryOffset(opcode, start + began, summary.count - began))
         offset_start = start + summary.count
         for offset in offsets:
             offset.write(summary)
         text: bytes = summary.end()  # type: ignore[no-untyped-call]
-        footer = _bytes_of(Footer(start, offset_start, 0))[:-4]
+        footer = _bytes_of(mcap_records.Footer(start, offset_start, 0))[:-4]
         self._append(text + footer + zlib.crc32(footer, zlib.crc32(text)).to_bytes(4, "little") + MCAP0_MAGIC)
         self._file.flush()
 
-    def _summary(self) -> list[tuple[int, Sequence[McapRecord]]]:
-        statistics = Statistics(
+    def _summary(self) -> list[tuple[int, Sequence[mcap_records.McapRecord]]]:
+        statistics = mcap_records.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
@@ -322,7 +306,7 @@ class McapWriter:
             (Opcode.METADATA_INDEX, self._metadata),
         ]
 
-    def _write(self, record: McapRecord) -> int:
+    def _write(self, record: mcap_records.McapRecord) -> int:
         return self._append(_bytes_of(record))
 
     def _append(self, data: bytes) -> int:
@@ -332,7 +316,7 @@ class McapWriter:
         return len(data)
 
 
-def _bytes_of(record: McapRecord) -> bytes:
+def _bytes_of(record: mcap_records.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     data: bytes = builder.end()  # type: ignore[no-untyped-call]
@@ -348,8 +332,8 @@ class Scan:
 
     size: int
     """Bytes of the file."""
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, mcap_records.Schema] = field(default_factory=dict)
+    channels: dict[int, mcap_records.Channel] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     chunks: list[bytes] = field(default_factory=list)
@@ -409,31 +393,31 @@ def _take(content: Scan, data: bytes, position: int, opcode: int, length: int) -
     body = data[position + FRAME.size : position + FRAME.size + length]
     stream = ReadDataStream(io.BytesIO(body))
     if opcode == Opcode.SCHEMA:
-        schema = Schema.read(stream)
+        schema = mcap_records.Schema.read(stream)
         content.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
-        channel = Channel.read(stream)
+        channel = mcap_records.Channel.read(stream)
         content.channels[channel.id] = channel
     elif opcode == Opcode.METADATA:
-        metadata = Metadata.read(stream)
+        metadata = mcap_records.Metadata.read(stream)
         content.metadata[metadata.name] = metadata.metadata
     elif opcode == Opcode.ATTACHMENT:
         if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
             return f"an attachment at byte {position} does not match its checksum"
-        attachment = Attachment.read(stream)
+        attachment = mcap_records.Attachment.read(stream)
         content.attachments[attachment.name] = attachment.data
     elif opcode == Opcode.CHUNK:
-        return _take_chunk(content, Chunk.read(stream), position, torn=len(body) < length)
-    elif opcode == Opcode.DATA_END and zlib.crc32(data[:position]) != DataEnd.read(stream).data_section_crc:
+        return _take_chunk(content, mcap_records.Chunk.read(stream), position, torn=len(body) < length)
+    elif opcode == Opcode.DATA_END and zlib.crc32(data[:position]) != mcap_records.DataEnd.read(stream).data_section_crc:
         return "the content does not match its checksum"
     elif opcode == Opcode.FOOTER:
-        footer = Footer.read(stream)
+        footer = mcap_records.Footer.read(stream)
         if zlib.crc32(data[footer.summary_start : position + FRAME.size + length - 4]) != footer.summary_crc:
             return "the summary at the end of the file does not match its checksum"
     return None
 
 
-def _take_chunk(content: Scan, chunk: Chunk, position: int, *, torn: bool) -> str | None:
+def _take_chunk(content: Scan, chunk: mcap_records.Chunk, position: int, *, torn: bool) -> str | None:
     """Take the messages of a chunk; of a torn one, as many as its compression gives back."""
     room = content.largest_content - sum(map(len, content.chunks))
     if chunk.uncompressed_size > room:

@@ -16,23 +16,9 @@ from pathlib import Path
 import filelock
 import numpy as np
 
+from glbench import episodes
 from glbench.agents.identity import CARD_FILE
 from glbench.agents.plans import Recording
-from glbench.episodes import (
-    ActionLog,
-    Episode,
-    RunFacts,
-    Trace,
-    actions_path,
-    chosen_rows,
-    episode_path,
-    episodes_folder,
-    log_bytes,
-    read_episode,
-    read_log,
-    replayed_episodes,
-    write_episode,
-)
 from glbench.errors import EpisodeError, GlbenchError, ResultError, TaskError, refuse
 from glbench.evaluation.checkpoint import discard
 from glbench.evaluation.files import SavingError, ensure_writable, load_result, result_path, save_result, short_task_id
@@ -51,8 +37,8 @@ class Computed:
     """
 
     result: Result
-    log: ActionLog
-    trace: Trace | None = None
+    log: episodes.ActionLog
+    trace: episodes.Trace | None = None
     printed: str = ""
 
 
@@ -64,29 +50,30 @@ def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]
     """
     log = computed.log
     path = result_path(out, task.id, computed.result.agent.name)
-    actions, waiting = actions_path(path), _waiting(path)
+    actions, waiting = episodes.actions_path(path), _waiting(path)
     result = computed.result.model_copy(update={"record": RecordReference(file=actions.name, digest=log.digest)})
     result, profile = profiled(task, result, path, log, computed.trace)
     lacking = "Nothing of this evaluation is saved"
     try:
         try:
-            write_atomically(waiting, log_bytes(log))
+            write_atomically(waiting, episodes.log_bytes(log))
         except GlbenchError:
             if not path.exists():
                 save_result(result, out)
                 lacking = "The result is saved, and not the recorded actions, without which nobody can verify it"
             raise
-        for file in episodes_folder(path).glob("seed-*.mcap"):  # of an earlier result: they would be taken for those of the new one
+        own = episodes.episodes_folder(path)
+        for file in own.glob("seed-*.mcap"):  # of an earlier result: they would be taken for those of the new one
             file.unlink()
         save_result(result, out)
         waiting.replace(actions)
         lacking = "The result and its recorded actions are saved, and not all of profile and full episodes"
         write_atomically(profile_path(path), profile.to_bytes())
-        rows, trace = chosen_rows(selection, log.seeds, result.values(task.evaluation.metric)), computed.trace
+        rows, trace = episodes.chosen_rows(selection, log.seeds, result.values(task.evaluation.metric)), computed.trace
         if trace is not None:
-            _write((trace.episode(task, row, log.provenance, log.runs[row], log.actions[:, row]) for row in rows), episodes_folder(path))
+            _write((trace.episode(task, row, log.provenance, log.runs[row], log.actions[:, row]) for row in rows), own)
         elif rows:  # by replaying the actions, with the same bytes
-            _write(replayed_episodes(task, log, rows), episodes_folder(path))
+            _write(episodes.replayed_episodes(task, log, rows), own)
     except (GlbenchError, OSError) as error:
         if actions.is_file() and result.record is not None:
             again = "makes what is missing"
@@ -106,11 +93,11 @@ def settle(out: Path, task_id: str, agent_name: str) -> None:
     with contextlib.suppress(GlbenchError), result_lock(out, task_id, agent_name):  # who holds the lock is saving just now
         try:
             stored = load_result(path)
-            belongs = stored.record is not None and read_log(waiting).digest == stored.record.digest
+            belongs = stored.record is not None and episodes.read_log(waiting).digest == stored.record.digest
         except (ResultError, EpisodeError):
             belongs = False
         if belongs:
-            waiting.replace(actions_path(path))
+            waiting.replace(episodes.actions_path(path))
         else:
             waiting.unlink(missing_ok=True)
 
@@ -164,23 +151,23 @@ def agent_folder(out: Path, task_id: str, agent_name: str) -> Path:
 
 def _waiting(path: Path) -> Path:
     """Where a record waits for its result."""
-    actions = actions_path(path)
+    actions = episodes.actions_path(path)
     return actions.with_name(f".{actions.name}.waiting")
 
 
 def _leftovers(path: Path, checkpoints: Path) -> Iterator[Path]:
     """Files that a process was writing when it was killed."""
-    for name in (path.name, profile_path(path).name, actions_path(path).name, _waiting(path).name):
+    for name in (path.name, profile_path(path).name, episodes.actions_path(path).name, _waiting(path).name):
         yield from path.parent.glob(f".{name}.*.partial")
     yield from path.parent.glob(".can-write-*.partial")
-    yield from episodes_folder(path).glob(".seed-*.partial")
+    yield from episodes.episodes_folder(path).glob(".seed-*.partial")
     yield from checkpoints.glob("*/.*.partial")
 
 
-def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
+def run_facts(runs: Iterable[RunResult]) -> tuple[episodes.RunFacts, ...]:
     """The runs as records of episodes name them."""
     return tuple(
-        RunFacts(
+        episodes.RunFacts(
             seed=run.seed,
             status=run.status,
             reason=run.reason,
@@ -198,18 +185,18 @@ def make_episodes(selection: Sequence[str], result: Result, path: Path, task: Ta
     Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result, or when ``folder`` already holds an
     episode of another evaluation under the same name.
     """
-    rows = chosen_rows(selection, [run.seed for run in result.runs], result.values(task.evaluation.metric))
-    own = episodes_folder(path)
-    files = {row: episode_path(folder or own, result.runs[row].seed) for row in rows}
+    rows = episodes.chosen_rows(selection, [run.seed for run in result.runs], result.values(task.evaluation.metric))
+    own = episodes.episodes_folder(path)
+    files = {row: episodes.episode_path(folder or own, result.runs[row].seed) for row in rows}
     present = [file for file in files.values() if file.exists()]
     if folder not in (None, own) and present:  # in its own folder are those of this evaluation
         provenance = recorded_actions(result, path).provenance
         for file in present:
-            if read_episode(file).provenance != provenance:
+            if episodes.read_episode(file).provenance != provenance:
                 refuse(f"{file} is an episode of another evaluation. Choose another folder with --to, or remove it.", EpisodeError)
     missing = [row for row, file in files.items() if file not in present]
     if missing:
-        _write(replayed_episodes(task, recorded_actions(result, path), missing), folder or own)
+        _write(episodes.replayed_episodes(task, recorded_actions(result, path), missing), folder or own)
     return tuple(files.values())
 
 
@@ -239,11 +226,11 @@ def in_its_split(task: TaskSpec, result: Result, path: Path) -> TaskSpec:
         refuse(f"{path} cannot be simulated again: {error}", EpisodeError, error)
 
 
-def recorded_actions(result: Result, path: Path) -> ActionLog:
+def recorded_actions(result: Result, path: Path) -> episodes.ActionLog:
     """The recorded actions of ``result``, at ``path``. Raises ``EpisodeError`` when they are missing, damaged, or of another one."""
     if result.record is None:
         refuse(f"{path} has no recorded actions: it was made by an earlier glbench. Evaluate again with --fresh.", EpisodeError)
-    log = read_log(path.with_name(result.record.file))
+    log = episodes.read_log(path.with_name(result.record.file))
     if log.digest != result.record.digest:
         msg = (
             f"{result.record.file} does not hold the actions of {path} (digest {log.digest[:12]}..., "
@@ -253,9 +240,9 @@ def recorded_actions(result: Result, path: Path) -> ActionLog:
     return log
 
 
-def _write(episodes: Iterable[Episode], folder: Path) -> None:
-    for episode in episodes:
-        write_episode(episode_path(folder, episode.run.seed), episode)
+def _write(records: Iterable[episodes.Episode], folder: Path) -> None:
+    for episode in records:
+        episodes.write_episode(episodes.episode_path(folder, episode.run.seed), episode)
 
 
 ACTIONS_FILE = "actions.npz"

@@ -685,11 +685,7 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
             "failed_runs": figures and figures.failed,
             "decision [ms]": figures and figures.decision_milliseconds,
             "training [steps]": figures and figures.training_steps,
-            "privileged": figures and figures.privileged,
-            "information": figures and figures.information,
-            "sandbox": figures and figures.sandbox,
-            "reproduced": figures and figures.reproduced,
-            "origin": figures and figures.origin,
+            **{name: figures and getattr(figures, name) for name in ("privileged", "information", "sandbox", "reproduced", "origin")},
         })  # fmt: skip
     return _frame(records)
 
@@ -706,17 +702,9 @@ def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
     import pandas as pd
 
     frame = pd.DataFrame(records)
-    types = {
-        "rank": "Int64",
-        "training_seed": "Int64",
-        "training [steps]": "Int64",
-        "training [h]": "Float64",
-        "regret_runs": "Int64",
-        "regret_runs_ahead": "Int64",
-        "money_rank": "Int64",
-        **{f"{entry}at_{factor:g}x_rank": "Int64" for entry in ("", "entry_") for factor in FACTORS},
-        **{f"{entry}frontier": "boolean" for entry in ("", "entry_")},
-    }
+    whole = ["rank", "training_seed", "training [steps]", "regret_runs", "regret_runs_ahead", "money_rank"]
+    whole += [f"{entry}at_{factor:g}x_rank" for entry in ("", "entry_") for factor in FACTORS]
+    types = dict.fromkeys(whole, "Int64") | dict.fromkeys(("frontier", "entry_frontier"), "boolean") | {"training [h]": "Float64"}
     if "suite" in frame:
         types["failed_runs"] = "Int64"
     return frame.astype({name: kind for name, kind in types.items() if name in frame})

@@ -14,18 +14,8 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from glbench import outside_tables as outside
 from glbench.errors import ArchiveError, did_you_mean, refuse
-from glbench.outside_tables import (
-    oldest_first,
-    parse_number,
-    read_stamps,
-    read_text,
-    says_utc,
-    split_table,
-    step_of,
-    time_titles,
-    utc_of_local,
-)
 from glbench.untrusted import visible
 from glbench.weather import preprocessing
 from glbench.weather.column_map import JOULES, UNITS, split_title, unit_among
@@ -104,15 +94,15 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
     ``lamps``. Raises ``ArchiveError`` when table or times cannot be read, a title lacks its unit, or a value is not a number; names row and
     column.
     """
-    text = read_text(path, ArchiveError)
-    table = split_table(text, str(path), ArchiveError)
-    time = time_titles(table)
+    text = outside.read_text(path, ArchiveError)
+    table = outside.split_table(text, str(path), ArchiveError)
+    time = outside.time_titles(table)
     if not time:
         table.refuse("no column looks like the time. Name it 'time' and write 2024-02-13 07:05.")
-    table, stamps = oldest_first(table, read_stamps(table, time))
-    step = step_of(stamps.seconds)
-    is_utc = stamps.zoned or says_utc(" ".join(time))
-    seconds = stamps.seconds if is_utc else utc_of_local(table, stamps.seconds, ZoneInfo(clock), time[0])
+    table, stamps = outside.oldest_first(table, outside.read_stamps(table, time))
+    step = outside.step_of(stamps.seconds)
+    is_utc = stamps.zoned or outside.says_utc(" ".join(time))
+    seconds = stamps.seconds if is_utc else outside.utc_of_local(table, stamps.seconds, ZoneInfo(clock), time[0])
     if not SHORTEST <= step <= LONGEST:
         table.refuse(f"its step is {step / 60:g} min. Export means of {SHORTEST // 60} to {LONGEST // 60} min.")
     late = np.flatnonzero(np.diff(seconds) <= 0)
@@ -139,7 +129,7 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
         factor, offset = factors[own]
         columns[name] = table.numbers(title, sentinels=(-999.0, -9999.0)) * JOULES.get(own, step * factor) / step + offset
     comments = re.findall(r"#\s*(\w+)\s*:\s*([-+\d.,]+)", "\n".join(line for line in table.preamble if line.lstrip().startswith("#")))
-    place = {key: number for key, words in comments if (number := parse_number(words, table.decimal)) is not None}
+    place = {key: number for key, words in comments if (number := outside.parse_number(words, table.decimal)) is not None}
     notes = (*table.notes, *([f"columns that are not read: {'; '.join(unread)}"] if unread else []))
     begin = seconds - (step if stamps.ends else 0)
     return Export(path, begin, step, columns, table.lines, place, tuple(f"{path.name}: {note}." for note in notes))

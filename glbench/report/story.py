@@ -468,28 +468,25 @@ def page_of(story: Story) -> str:
         for place, curve in enumerate(story.levels)
         if np.nanmax(np.abs(story.hours[:, :, place])) > 0
     ]
-    page: str = (
-        jinja_environment()
-        .from_string(asset("story.html.j2"))
-        .render(
-            story=story,
-            agents=story.agents,
-            title=story.task.title,
-            failed=left_out_words(story),
-            headline=headline(story),
-            paragraphs=paragraphs(story),
-            caution=CAUTION,
-            ledger=ledger_table(story),
-            weeks=[week_table(story, side) for side in (0, 1)],
-            charts=charts,
-            meanings=[
-                *((one.label, one.explanation) for one in catalogue(story.task).of_kind("score", "profit", "penalty")),
-                *zip(map(capitalised, PERIODS), MEANINGS, strict=True),
-            ],
-            gas=f"{3.6 * KWH_A_CUBIC_METRE:.2f}",
-            style=asset("style.css"),
-            version=__version__,
-        )
+    template = jinja_environment().from_string(asset("story.html.j2"))
+    page: str = template.render(
+        story=story,
+        agents=story.agents,
+        title=story.task.title,
+        failed=left_out_words(story),
+        headline=headline(story),
+        paragraphs=paragraphs(story),
+        caution=CAUTION,
+        ledger=ledger_table(story),
+        weeks=[week_table(story, side) for side in (0, 1)],
+        charts=charts,
+        meanings=[
+            *((one.label, one.explanation) for one in catalogue(story.task).of_kind("score", "profit", "penalty")),
+            *zip(map(capitalised, PERIODS), MEANINGS, strict=True),
+        ],
+        gas=f"{3.6 * KWH_A_CUBIC_METRE:.2f}",
+        style=asset("style.css"),
+        version=__version__,
     )
     return page
 

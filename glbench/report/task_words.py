@@ -20,18 +20,9 @@ from glbench import tasks
 from glbench.errors import GlbenchError
 from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.quantities import OUTDOOR, in_sentence, pretty_unit, sentence, unit_sold
+from glbench.tasks import tables
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.spreads import HEAT
-from glbench.tasks.tables import (
-    ActuatorTable,
-    ForecastTable,
-    OffsetSensorTable,
-    OnOffTable,
-    SampleTable,
-    ScaledSensorTable,
-    SplitsTable,
-    SplitTable,
-)
 from glbench.tasks.vocabulary import FORECAST_ERRORS, OBSERVATION_MODULES
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
@@ -103,7 +94,7 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
     """What a task asks and pays, by labels and with units: no key of the task file, no symbol of the model."""
     words, definition = catalogue(task), {section.heading: section for section in definition_in_words(task)}
     series, scenario, model = charts_of(task).series, task.scenario, task.model_value
-    tables = {item.price: words_of.label for words_of in words.items for item in task.ledger.items if item.name == words_of.money}
+    labels = {item.price: words_of.label for words_of in words.items for item in task.ledger.items if item.name == words_of.money}
 
     def plain(heading: str, lines: Sequence[str], columns: Sequence[str] = (), rows: Sequence[Sequence[str]] = ()) -> Section:
         def spelling(text: str) -> str:
@@ -211,8 +202,8 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
             by = "by the hour of the day" if table.hourly else "by the hour, with sun and wind"
             by = "with the date" if table.dated else "by the hour, as in a table" if table.series else by
             price = f"changes {by}, {low:g} to {high:g} {pretty_unit(table.unit)}"
-            if table.source in tables:
-                price += f"; that of {in_sentence(tables[table.source])}{f' and {table.plus:g}' if table.plus else ''}"
+            if table.source in labels:
+                price += f"; that of {in_sentence(labels[table.source])}{f' and {table.plus:g}' if table.plus else ''}"
         else:
             price = f"{item.price:g} {of_money.unit}"
             if item.beyond is not None:
@@ -372,11 +363,11 @@ def _period(task: tasks.TaskSpec, card: tasks.TaskCard | None) -> list[str]:
 _FOR = {"training": "Training", "validation": "Validation, to choose between agents", "test": "Test, which scores"}
 
 
-def _splits(task: tasks.TaskSpec, splits: SplitsTable) -> Iterator[str]:
+def _splits(task: tasks.TaskSpec, splits: tables.SplitsTable) -> Iterator[str]:
     """What each split is for, of which years it is made, and how many seasons it has."""
     listed: set[tuple[int, ...]] = set()
     for name in splits.names:
-        split: SplitTable = getattr(splits, name)
+        split: tables.SplitTable = getattr(splits, name)
         *others, last = [str(year) for year in split.years]
         years = f"{', '.join(others)} and {last}" if others else last
         if task.scenario.generated is None:
@@ -466,10 +457,10 @@ def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
 _OUTSIDE = "Sensors of the weather; what acts is the truth, and forecasts come from elsewhere"
 
 
-def _outdoor_sensor(name: str, sensor: ScaledSensorTable | OffsetSensorTable) -> str:
+def _outdoor_sensor(name: str, sensor: tables.ScaledSensorTable | tables.OffsetSensorTable) -> str:
     """How far one is off."""
     unit, label = OUTDOOR[name].unit, name.replace("_", " ").capitalize()
-    if isinstance(sensor, ScaledSensorTable):
+    if isinstance(sensor, tables.ScaledSensorTable):
         scale = f"reads {sensor.scale.low:g} to {sensor.scale.high:g} times the truth, drawn evenly for a run"
         return f"{label}: {scale}; noise {100 * sensor.noise:g} % at every step (standard deviation)."
     return f"{label}: bias {sensor.bias:g} {unit} for a run, noise {sensor.noise:g} {unit} at every step (both standard deviations)."
@@ -478,7 +469,7 @@ def _outdoor_sensor(name: str, sensor: ScaledSensorTable | OffsetSensorTable) ->
 _ACTUATORS = "Actuators; the agent sees their commands, not what they deliver"
 
 
-def _actuator(table: ActuatorTable) -> str:
+def _actuator(table: tables.ActuatorTable) -> str:
     """What an actuator does to its commands."""
     parts = [f"follows with a lag of {table.lag_minutes:g} minutes"] if table.lag_minutes else []
     if table.shortfall:
@@ -495,7 +486,7 @@ _CAMERA = "A camera above the crop; the agent sees what an encoder makes of the 
 _BY_HAND = "Counted or weighed by hand; the agent sees the last sample until the next"
 
 
-def _sample(module: str, table: SampleTable) -> str:
+def _sample(module: str, table: tables.SampleTable) -> str:
     """How often a module is sampled, and how far a sample is off."""
     often = "every day" if table.every_days == 1 else f"every {table.every_days} days"
     label = module.replace("_", " ").capitalize()
@@ -521,7 +512,7 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
     if len(first) < count:
         rows.append(("...", f"and {count - len(first)} more; --json lists all", "", "", "", ""))
     hours, forecast, lines = task.observation.forecast_hours, task.observation.forecast, []
-    if hours and isinstance(forecast, ForecastTable):
+    if hours and isinstance(forecast, tables.ForecastTable):
         ahead, error = ", ".join(map(str, hours)), forecast.error
         mean = "; zero on average" if forecast.unbiased else ""
         lines = [f"Forecast by the hour, {ahead} h ahead; errors '{error}': {FORECAST_ERRORS[error].meaning}{mean}."]
@@ -557,7 +548,7 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
     yield Section(heading, (words, *machines), columns, ("", "At 1", "Most a step"), rows)
 
 
-def _due_words(task: tasks.TaskSpec, machine: OnOffTable) -> str:
+def _due_words(task: tasks.TaskSpec, machine: tables.OnOffTable) -> str:
     """When a machine runs that is due by a state, in words."""
     if machine.due is None:
         return ""

@@ -16,25 +16,8 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 
+from glbench import outside_tables as outside
 from glbench.errors import TaskError, refuse
-from glbench.outside_tables import (
-    DAY,
-    HOUR,
-    STAMP,
-    FloatArray,
-    IntArray,
-    TextTable,
-    oldest_first,
-    parse_number,
-    read_stamps,
-    read_text,
-    says_utc,
-    split_table,
-    stamp_in,
-    step_of,
-    time_titles,
-    utc_of_local,
-)
 from glbench.untrusted import visible
 
 MOST_PRICES: Final = 110_000
@@ -68,9 +51,9 @@ _PLAIN_FILE: Final = (
 class PriceFile:
     """Prices of a file, in order of time."""
 
-    seconds: IntArray
+    seconds: outside.IntArray
     """Moments from which on each price holds [s since 1970-01-01 UTC] ``(prices,)``."""
-    prices: FloatArray
+    prices: outside.FloatArray
     """Prices in ``unit`` ``(prices,)``."""
     unit: str
     """Such as ``EUR kWh-1``."""
@@ -97,14 +80,14 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
     title says CET/CEST. ``column`` is the title of the column of prices, where there are several, ``file_unit`` the unit of the file's
     prices, such as ``EUR/MWh``, where its title has none.
     """
-    text = read_text(path, TaskError)
-    table = split_table(text, str(path), TaskError)
+    text = outside.read_text(path, TaskError)
+    table = outside.split_table(text, str(path), TaskError)
     if len(table.rows) > MOST_PRICES:
         table.refuse(f"it has {len(table.rows):,} prices, and a task may have {MOST_PRICES:,}. Keep the years that the runs use.")
     doubts: list[str] = []
     hours = {title: match for title in table.titles if (match := _EPEX_HOUR.fullmatch(title))}
     times = (
-        time_titles(table)
+        outside.time_titles(table)
         or tuple(title for title in table.titles if re.search("time|hour|date|datum|tijd|zeit|uur|mtu|maand", title, re.IGNORECASE))[:1]
     )
     zone, named_clock = _clock_of(table, " ".join(times), clock)
@@ -115,19 +98,19 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
         price_title = _price_column(table, column)
         if not times:
             table.refuse(f"no column holds times; its columns are {visible(', '.join(table.titles)[:300])}. {_PLAIN_FILE}")
-        table, stamps = oldest_first(table, read_stamps(table, times))
+        table, stamps = outside.oldest_first(table, outside.read_stamps(table, times))
         seconds = stamps.seconds
         if stamps.zoned:
             named_clock = ""
         elif zone is not None:
-            seconds = utc_of_local(table, seconds, zone, times[0])
-        elif not (table.titles[0] in _PLAIN_TIMES or says_utc(_titles(table)) or step_of(seconds) >= DAY):
+            seconds = outside.utc_of_local(table, seconds, zone, times[0])
+        elif not (table.titles[0] in _PLAIN_TIMES or outside.says_utc(_titles(table)) or outside.step_of(seconds) >= outside.DAY):
             doubts.append(
                 "its times have no offset and are read as UTC. If they are on a local clock, all prices are an hour or two late: name it, "
                 'clock = "Europe/Amsterdam" in the price table (or --clock)'
             )
         if stamps.ends:
-            seconds = seconds - step_of(seconds)
+            seconds = seconds - outside.step_of(seconds)
             doubts.append("midnight is 24:00, so each time is taken for the end of the hour that its price is for")
         prices = table.numbers(price_title)
         lines = np.array(table.lines, dtype=np.int64)
@@ -170,7 +153,7 @@ def _amount(unit: re.Match[str]) -> str:
     return unit["amount"].lower().replace("³", "3").replace("-", "")
 
 
-def _clock_of(table: TextTable, time: str, clock: object) -> tuple[ZoneInfo | None, str]:
+def _clock_of(table: outside.TextTable, time: str, clock: object) -> tuple[ZoneInfo | None, str]:
     """The clock of stamps without an offset, and a note on it; ``None`` is UTC."""
     if clock is not None:
         try:
@@ -179,19 +162,19 @@ def _clock_of(table: TextTable, time: str, clock: object) -> tuple[ZoneInfo | No
             msg = f"{table.file}: clock = '{visible(str(clock))}' is no time zone of the IANA database. Write a name such as Europe/Paris."
             raise TaskError(msg) from error
     for titles in (time, _titles(table)):  # what the title of the times says counts first
-        if says_utc(titles):
+        if outside.says_utc(titles):
             return None, ""
         if re.search(r"\b(CET|MEZ|CEST|MESZ)\b", titles):
             return ZoneInfo(EXCHANGE_CLOCK), f"times read on the clock of {EXCHANGE_CLOCK}, as the titles say CET"
     return None, ""
 
 
-def _titles(table: TextTable) -> str:
+def _titles(table: outside.TextTable) -> str:
     """All titles and the lines above them, except lines with a date, such as that of the download."""
-    return " ".join((*table.titles, *(line for line in table.preamble if not STAMP.search(line))))
+    return " ".join((*table.titles, *(line for line in table.preamble if not outside.STAMP.search(line))))
 
 
-def _price_column(table: TextTable, column: object) -> str:
+def _price_column(table: outside.TextTable, column: object) -> str:
     """Title of the column of prices. Raises ``TaskError`` when there is none, or several and ``column`` does not say which."""
     if column is not None:
         table.texts(str(column))
@@ -199,9 +182,9 @@ def _price_column(table: TextTable, column: object) -> str:
     numeric = []
     for title in table.titles:
         first = next(filter(None, table.texts(title)), "")
-        if stamp_in(first) is not None or re.match(r"\d.*\d\s+[-\u2013]\s+\d", first) is not None:
+        if outside.stamp_in(first) is not None or re.match(r"\d.*\d\s+[-\u2013]\s+\d", first) is not None:
             continue
-        values = [parse_number(text, table.decimal) for text in table.texts(title)[:200]]
+        values = [outside.parse_number(text, table.decimal) for text in table.texts(title)[:200]]
         if any(value is not None and value == value for value in values) and sum(value is None for value in values) <= 1:
             numeric.append(title)
     by_rank = (
@@ -218,9 +201,9 @@ def _price_column(table: TextTable, column: object) -> str:
     return candidates[0]
 
 
-def _days_of_hours(table: TextTable, titles: list[str], zone: ZoneInfo) -> tuple[IntArray, FloatArray]:
+def _days_of_hours(table: outside.TextTable, titles: list[str], zone: ZoneInfo) -> tuple[outside.IntArray, outside.FloatArray]:
     """Moments and prices of a table with a row a day and a column an hour, in which the hour that comes twice has columns A and B."""
-    dates = read_stamps(table, table.titles[:1]).seconds
+    dates = outside.read_stamps(table, table.titles[:1]).seconds
     days, first = np.unique(dates, return_index=True)
     if days.size < dates.size:
         again = int(np.setdiff1d(np.arange(dates.size), first)[0])
@@ -228,8 +211,8 @@ def _days_of_hours(table: TextTable, titles: list[str], zone: ZoneInfo) -> tuple
     columns = {title: table.numbers(title) for title in titles}
     rows: list[tuple[int, float]] = []
     for row in np.argsort(dates, kind="stable").tolist():
-        begin, end = (utc_of_local(table, dates[row : row + 1] + day, zone, table.titles[0])[0] for day in (0, DAY))
-        length = int(end - begin) // HOUR
+        begin, end = (outside.utc_of_local(table, dates[row : row + 1] + day, zone, table.titles[0])[0] for day in (0, outside.DAY))
+        length = int(end - begin) // outside.HOUR
         present = []
         for title in titles:
             hour, part = _EPEX_HOUR.fullmatch(title).groups()  # type: ignore[union-attr]
@@ -238,11 +221,11 @@ def _days_of_hours(table: TextTable, titles: list[str], zone: ZoneInfo) -> tuple
                     present.append(float(columns[title][row]))
                 if length == 25 and int(hour) == 3 and not part:
                     present.append(float(columns[title][row]))
-        rows += [(int(begin) + HOUR * i, price) for i, price in enumerate(present)]
+        rows += [(int(begin) + outside.HOUR * i, price) for i, price in enumerate(present)]
     return np.array([moment for moment, _ in rows], dtype=np.int64), np.array([price for _, price in rows])
 
 
-def _conversion(table: TextTable, title: str, unit: object, file_unit: object) -> tuple[float, str, str]:
+def _conversion(table: outside.TextTable, title: str, unit: object, file_unit: object) -> tuple[float, str, str]:
     """Factor from the file's prices to those of the table, the table's unit, and a note on it."""
     match = (
         _UNIT.search(str(file_unit))

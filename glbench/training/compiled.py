@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 
 from glbench.agents.network_policy import FAST, Actor, ActorAgent, Gru, NetworkPolicy
 from glbench.errors import ShapeError, TrainingError
-from glbench.resources import write_atomically
+from glbench.resources import signal_handlers_kept, write_atomically
 from glbench.tasks import TaskSpec, task_card
 from glbench.training.card import POLICY, TrainingFacts, policy_in, start_of, training_table
 from glbench.training.compiled_settings import NAME, CompiledSettings, in_view
@@ -170,16 +169,11 @@ class _Training(Session):
 @contextmanager
 def _signals_wait() -> Iterator[None]:
     """Ctrl-C and its like wait for the end of an update, a fraction of a second: a process that ends within one may crash."""
-    mine = threading.current_thread() is threading.main_thread()  # no other thread may set handlers
-    handlers = {number: signal.getsignal(number) for number in _SIGNALS} if mine else {}
-    handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
     waiting: list[int] = []
-    for number in handlers:
-        signal.signal(number, lambda arrived, _frame: waiting.append(arrived))
-    try:
-        yield
-    finally:
+    with signal_handlers_kept(_SIGNALS) as handlers:
         for number, handler in handlers.items():
-            signal.signal(number, handler)
+            if callable(handler):
+                signal.signal(number, lambda arrived, _frame: waiting.append(arrived))
+        yield
     for arrived in waiting:
         signal.raise_signal(arrived)

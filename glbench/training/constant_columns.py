@@ -16,8 +16,7 @@ _CONSTANT = 1e-3
 
 def varies(low: Floats, high: Floats) -> Mask:
     """Which columns vary: those whose lowest and highest values are more than 0.001 of the larger magnitude apart."""
-    mask: Mask = high - low > _CONSTANT * np.maximum(np.abs(low), np.abs(high))
-    return mask
+    return high - low > _CONSTANT * np.maximum(np.abs(low), np.abs(high))
 
 
 def without_constant_columns(policy: NetworkPolicy, varying: Mask) -> NetworkPolicy:

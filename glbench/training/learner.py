@@ -194,8 +194,7 @@ class Learner:
         }
         for what, (its, ours) in kinds.items():
             if its != ours:
-                msg = f"The training cannot start from {name}: its {what} are {its}; those of this training are {ours}."
-                raise TrainingError(msg)
+                refuse(f"The training cannot start from {name}: its {what} are {its}; those of this training are {ours}.", TrainingError)
         columns = len(self.least_scale)
         self._check_columns(actor, name, columns)
         weights["actor"] = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(network.weights, network.biases, strict=True)]

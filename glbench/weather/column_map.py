@@ -17,21 +17,8 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from pydantic import Field, field_validator
 
+from glbench import outside_tables as outside
 from glbench.errors import WeatherError, did_you_mean, refuse
-from glbench.outside_tables import (
-    DateOrder,
-    IntArray,
-    TextTable,
-    oldest_first,
-    parse_number,
-    read_stamps,
-    read_text,
-    says_utc,
-    split_table,
-    step_of,
-    time_titles,
-    utc_of_local,
-)
 from glbench.resources import write_atomically
 from glbench.settings import Table, read_settings
 from glbench.untrusted import visible
@@ -126,7 +113,7 @@ class ColumnMap(Table):
     time: tuple[str, ...] = Field(min_length=1, max_length=2)
     stamps: Literal["start", "middle", "end"] = "start"
     clock: str = "UTC"
-    dates: DateOrder | None = None
+    dates: outside.DateOrder | None = None
     decimal: Literal[".", ","] | None = None
     columns: dict[str, ColumnEntry]
     timezone: str | None = None
@@ -177,10 +164,10 @@ def read_csv(
     unknown, a value is not a number, or the hours have gaps; names file, row and value.
     """
     path = Path(path)
-    text = read_text(path, WeatherError)
+    text = outside.read_text(path, WeatherError)
     documented = re.search(rf"^[^#\n]*\b({'|'.join(UNITS)}|slot_end|slot_start) ?\[", text, re.MULTILINE) is not None
     titles = (lambda fields: any(split_title(field)[0] in (*UNITS, "slot_end", "slot_start") for field in fields)) if documented else None
-    table = split_table(text, str(path), WeatherError, is_titles=titles)
+    table = outside.split_table(text, str(path), WeatherError, is_titles=titles)
     comments = {
         key.strip(): value.strip()
         for key, colon, value in (line.lstrip("# \t").partition(":") for line in table.preamble if line.lstrip().startswith("#"))
@@ -204,7 +191,7 @@ def read_csv(
         option = "--timezone ZONE" if missing == ["timezone"] else "--place LATITUDE,LONGITUDE,ALTITUDE"
         table.refuse(f"the comment lines do not give {', '.join(missing)}. Add '# {missing[0]}: ...' on top, or import with {option}.")
     if coordinates is None:
-        numbers = {key: parse_number(comments[key], table.decimal) for key in REQUIRED_KEYS[:3]}
+        numbers = {key: outside.parse_number(comments[key], table.decimal) for key in REQUIRED_KEYS[:3]}
         for key, number in numbers.items():
             if number is None or not np.isfinite(number):
                 table.refuse(f"'{visible(comments[key])}' for {key} is not a number. Correct the file.")
@@ -234,7 +221,7 @@ def read_columns(
     path = Path(path)
     if not isinstance(columns, ColumnMap):
         columns = read_settings(ColumnMap, Path(columns), "the column map", WeatherError, toml=True)
-    table = split_table(read_text(path, WeatherError), str(path), WeatherError, decimal=columns.decimal)
+    table = outside.split_table(outside.read_text(path, WeatherError), str(path), WeatherError, decimal=columns.decimal)
     zone = timezone or columns.timezone or columns.clock
     entry = columns.place
     if coordinates is None:
@@ -248,12 +235,12 @@ def read_columns(
 
 
 def _record_of(
-    table: TextTable, columns: ColumnMap, origin: record.Origin, timing: Mapping[str, record.Timing], fill_gaps: int
+    table: outside.TextTable, columns: ColumnMap, origin: record.Origin, timing: Mapping[str, record.Timing], fill_gaps: int
 ) -> record.WeatherRecord:
-    table, stamps = oldest_first(table, read_stamps(table, columns.time, columns.dates))
+    table, stamps = outside.oldest_first(table, outside.read_stamps(table, columns.time, columns.dates))
     zone = record.time_zone(columns.clock)
-    seconds = stamps.seconds if stamps.zoned else utc_of_local(table, stamps.seconds, zone, columns.time[0])
-    step = step_of(seconds) if seconds.size > 1 else record.SLOT_SECONDS
+    seconds = stamps.seconds if stamps.zoned else outside.utc_of_local(table, stamps.seconds, zone, columns.time[0])
+    step = outside.step_of(seconds) if seconds.size > 1 else record.SLOT_SECONDS
     ends = seconds + {"start": step, "middle": step // 2, "end": 0}["start" if stamps.length else columns.stamps]
     values: dict[str, record.FloatArray] = {}
     for quantity, entry in columns.columns.items():
@@ -271,7 +258,7 @@ def _record_of(
     return hourly_record(rows, replace(origin, notes=(*origin.notes, *table.notes)), fill_gaps=fill_gaps)
 
 
-def _rises(sums: record.FloatArray, seconds: IntArray, step: int) -> record.FloatArray:
+def _rises(sums: record.FloatArray, seconds: outside.IntArray, step: int) -> record.FloatArray:
     """What a sum since midnight gains in each row's ``step`` [s], over missing rows its mean; NaN where a gap hides when it began again."""
     rises = np.full(sums.size, np.nan)
     valid = np.flatnonzero(~np.isnan(sums))
@@ -282,7 +269,7 @@ def _rises(sums: record.FloatArray, seconds: IntArray, step: int) -> record.Floa
     return rises
 
 
-def _documented_columns(table: TextTable) -> tuple[dict[str, ColumnEntry], str]:
+def _documented_columns(table: outside.TextTable) -> tuple[dict[str, ColumnEntry], str]:
     """Columns of the documented CSV and its time column; every title must be known, so that a misspelt one is not quietly left out."""
     entries: dict[str, ColumnEntry] = {}
     problems = []
@@ -342,8 +329,8 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
 
     Raises ``WeatherError`` when the file is not a table, or no column looks like the time or one of the quantities that the model needs.
     """
-    table = split_table(read_text(Path(path), WeatherError), str(path), WeatherError)
-    time = time_titles(table)
+    table = outside.split_table(outside.read_text(Path(path), WeatherError), str(path), WeatherError)
+    time = outside.time_titles(table)
     entries: dict[str, ColumnEntry] = {}
     checks: dict[str, str] = {}
     # titles that name the outside before those that do not, and those with a unit of their quantity before others
@@ -376,11 +363,11 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
             f"no column looks like {lacking}. Its columns are: {visible(', '.join(table.titles)[:600])}. "
             "Export these quantities, or write the map by hand (docs/weather.md)."
         )
-    stamps = read_stamps(table, time)
+    stamps = outside.read_stamps(table, time)
     columns = ColumnMap(
         time=time,
         stamps="end" if stamps.ends else "start",
-        clock="UTC" if stamps.zoned or says_utc(" ".join(time)) else "Europe/Amsterdam",
+        clock="UTC" if stamps.zoned or outside.says_utc(" ".join(time)) else "Europe/Amsterdam",
         dates=stamps.order,
         decimal=cast(Any, table.decimal),
         columns={name: entries[name] for name in UNITS if name in entries},

@@ -191,8 +191,7 @@ class _Slots:
         parts += (hourly - from_sun)[:, None] * _normalised(twilight)
         running = np.cumsum(_normalised(parts), axis=1)
         # Divided by its own last value: exactly 1 from the last bright part on, so that a dark part receives exactly 0.
-        shares: FloatArray = np.concatenate((np.zeros_like(running[:, :1]), running / running[:, -1:]), axis=1)
-        return shares
+        return np.concatenate((np.zeros_like(running[:, :1]), running / running[:, -1:]), axis=1)
 
     def _clearness(self) -> FloatArray:
         """Kappa [W m-2] in the middle of every part, (slots, 12): linear between the middles of the sunlit slots.

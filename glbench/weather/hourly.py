@@ -23,23 +23,9 @@ import numpy as np
 
 from glbench.errors import WeatherError, refuse
 from glbench.outside_tables import step_of
+from glbench.weather import record
 from glbench.weather.conserving import sine_of_elevation
 from glbench.weather.preprocessing import KELVIN, STEFAN_BOLTZMANN_ENERGYPLUS, vapour_pressure
-from glbench.weather.record import (
-    REQUIRED,
-    SKY,
-    SLOT_SECONDS,
-    FloatArray,
-    IntArray,
-    Origin,
-    Place,
-    Rows,
-    Timing,
-    WeatherRecord,
-    assemble,
-    check_values,
-    utc_text,
-)
 
 LOWEST_NIGHT_RADIATION = -25.0  # Radiation [W m-2] that the offset of a pyranometer explains; below it something is wrong
 HIGHEST_HUMIDITY = 105.0  # Humidity [%] that the error of a hygrometer explains
@@ -53,59 +39,61 @@ SKY_ESTIMATED = (
 )
 
 
-def hourly_record(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord:
+def hourly_record(rows: record.Rows, origin: record.Origin, *, fill_gaps: int = 0) -> record.WeatherRecord:
     """Checked hourly record of the rows of an outside file, whatever their step up to an hour, with a sky.
 
     The arguments are those of ``assemble``, with ``slot_ends`` the end of each row's interval. Raises ``WeatherError`` for rows out of
     order, coarser than an hour, or otherwise as ``assemble`` does.
     """
-    present = {name: values for name, values in rows.columns.items() if name in REQUIRED or not np.isnan(values).all()}
+    present = {name: values for name, values in rows.columns.items() if name in record.REQUIRED or not np.isnan(values).all()}
     rows, notes = _sensors_within_limits(replace(rows, columns=present))
-    check_values(rows)
+    record.check_values(rows)
     step = step_of(rows.slot_ends)
     backward = np.flatnonzero(np.diff(rows.slot_ends) <= 0)
     if backward.size:
         i = int(backward[0])
-        here, before = (utc_text(int(rows.slot_ends[k])) for k in (i + 1, i))
+        here, before = (record.utc_text(int(rows.slot_ends[k])) for k in (i + 1, i))
         what = f"{here} UTC appears twice" if here == before else f"{here} UTC follows {before} UTC"
         msg = (
             f"{rows.file}, row {rows.row_numbers[i + 1]}: the interval ending {what}. Sort the rows by time, and leave one of each; if it "
             "is the hour that a clock shows twice in autumn, the clock of the stamps is one with summer time, such as Europe/Amsterdam."
         )
         raise WeatherError(msg)
-    if step > SLOT_SECONDS:
-        msg = f"{rows.file}: its rows are {step / SLOT_SECONDS:g} h apart. The model needs a row an hour or finer; export finer values."
-        raise WeatherError(msg)
-    if step != SLOT_SECONDS or rows.slot_ends[0] % SLOT_SECONDS:
+    if step > record.SLOT_SECONDS:
+        apart = f"{step / record.SLOT_SECONDS:g} h apart"
+        refuse(f"{rows.file}: its rows are {apart}. The model needs a row an hour or finer; export finer values.", WeatherError)
+    if step != record.SLOT_SECONDS or rows.slot_ends[0] % record.SLOT_SECONDS:
         rows, averaged = _averaged(rows, step)
         notes += averaged
-    if any(name in rows.columns for name in SKY) or not all(name in rows.columns for name in REQUIRED):
-        return assemble(rows, replace(origin, notes=(*origin.notes, *notes)), fill_gaps=fill_gaps)
+    if any(name in rows.columns for name in record.SKY) or not all(name in rows.columns for name in record.REQUIRED):
+        return record.assemble(rows, replace(origin, notes=(*origin.notes, *notes)), fill_gaps=fill_gaps)
     # An estimate needs every hour of the others: they are checked, and filled where asked, beside a placeholder.
     columns = {**rows.columns, "cloud_cover": np.zeros(rows.slot_ends.size)}
-    timing: dict[str, Timing] = {**rows.timing, "cloud_cover": "mean", "sky_infrared": rows.timing["air_temperature"]}
-    whole = assemble(replace(rows, columns=columns, timing=timing), origin, fill_gaps=fill_gaps)
-    columns = {name: whole.values(name) for name in REQUIRED}
+    timing: dict[str, record.Timing] = {**rows.timing, "cloud_cover": "mean", "sky_infrared": rows.timing["air_temperature"]}
+    whole = record.assemble(replace(rows, columns=columns, timing=timing), origin, fill_gaps=fill_gaps)
+    columns = {name: whole.values(name) for name in record.REQUIRED}
     temperature, humidity, radiation = (whole.values(name) for name in CLEARNESS_INPUTS)
     columns["sky_infrared"] = sky_infrared(temperature, humidity, radiation, whole.begin, whole.place)
-    ends: IntArray = whole.begin + SLOT_SECONDS * np.arange(1, whole.hours + 1, dtype=np.int64)
-    rows = Rows(rows.file, ends, columns, timing, np.arange(whole.hours, dtype=np.int64))
-    return assemble(rows, replace(origin, notes=(*whole.notes, *notes, SKY_ESTIMATED)))
+    ends: record.IntArray = whole.begin + record.SLOT_SECONDS * np.arange(1, whole.hours + 1, dtype=np.int64)
+    rows = record.Rows(rows.file, ends, columns, timing, np.arange(whole.hours, dtype=np.int64))
+    return record.assemble(rows, replace(origin, notes=(*whole.notes, *notes, SKY_ESTIMATED)))
 
 
-def clear_sky_radiation(begin: int, hours: int, place: Place) -> tuple[FloatArray, FloatArray]:
+def clear_sky_radiation(begin: int, hours: int, place: record.Place) -> tuple[record.FloatArray, record.FloatArray]:
     """Global radiation of a clear sky [W m-2], mean of each hour, and the highest sine of the sun's elevation in it ``(hours,)``.
 
     Haurwitz (1945): 1098 s exp(-0.057 / s), with the sine s. ``begin`` is the start of the first hour [s since 1970-01-01 UTC].
     """
-    moments = begin + np.arange(hours * PARTS + 1, dtype=np.float64) * (SLOT_SECONDS / PARTS)
+    moments = begin + np.arange(hours * PARTS + 1, dtype=np.float64) * (record.SLOT_SECONDS / PARTS)
     sine = sine_of_elevation(moments, place)
     of_hour = np.stack([sine[part : sine.size - PARTS + part : PARTS] for part in range(PARTS + 1)], axis=1)
     up = np.maximum(of_hour, 1e-6)
     return np.asarray(1098.0 * up * np.exp(-0.057 / up)).mean(axis=1), of_hour.max(axis=1)
 
 
-def sky_infrared(temperature: FloatArray, humidity: FloatArray, radiation: FloatArray, begin: int, place: Place) -> FloatArray:
+def sky_infrared(
+    temperature: record.FloatArray, humidity: record.FloatArray, radiation: record.FloatArray, begin: int, place: record.Place
+) -> record.FloatArray:
     """Infrared radiation from the sky [W m-2], estimated for each hour ``(hours,)`` after Crawford and Duchon (1999).
 
     Air temperature [degC], relative humidity [%] and global radiation [W m-2] are of the hours from ``begin`` [s since 1970-01-01 UTC].
@@ -122,7 +110,7 @@ def sky_infrared(temperature: FloatArray, humidity: FloatArray, radiation: Float
     return np.asarray(emissivity * STEFAN_BOLTZMANN_ENERGYPLUS * kelvin**4)
 
 
-def _sensors_within_limits(rows: Rows) -> tuple[Rows, tuple[str, ...]]:
+def _sensors_within_limits(rows: record.Rows) -> tuple[record.Rows, tuple[str, ...]]:
     """Small readings beyond what is possible set to the limit, with a note."""
     columns, notes = dict(rows.columns), []
     for name, low, high, limit, unit, why in (
@@ -138,15 +126,15 @@ def _sensors_within_limits(rows: Rows) -> tuple[Rows, tuple[str, ...]]:
     return replace(rows, columns=columns), tuple(notes)
 
 
-def _averaged(rows: Rows, step: int) -> tuple[Rows, tuple[str, ...]]:
+def _averaged(rows: record.Rows, step: int) -> tuple[record.Rows, tuple[str, ...]]:
     """Hours of rows that cover ``step`` seconds each, and how they came about."""
     starts = np.maximum(rows.slot_ends - step, np.concatenate([[rows.slot_ends[0] - step], rows.slot_ends[:-1]]))
-    first_hour = int(starts[0]) // SLOT_SECONDS
-    hours = -(-int(rows.slot_ends[-1]) // SLOT_SECONDS) - first_hour
-    hour = starts // SLOT_SECONDS - first_hour
-    in_first = np.minimum(rows.slot_ends, (hour + first_hour + 1) * SLOT_SECONDS) - starts
+    first_hour = int(starts[0]) // record.SLOT_SECONDS
+    hours = -(-int(rows.slot_ends[-1]) // record.SLOT_SECONDS) - first_hour
+    hour = starts // record.SLOT_SECONDS - first_hour
+    in_first = np.minimum(rows.slot_ends, (hour + first_hour + 1) * record.SLOT_SECONDS) - starts
     in_next = rows.slot_ends - starts - in_first  # a row is at most an hour long
-    columns: dict[str, FloatArray] = {}
+    columns: dict[str, record.FloatArray] = {}
     partial = 0
     complete = np.ones(hours, dtype=bool)
     for name, values in rows.columns.items():
@@ -156,24 +144,24 @@ def _averaged(rows: Rows, step: int) -> tuple[Rows, tuple[str, ...]]:
             weight = np.where(valid, seconds, 0)
             np.add.at(total, index, weight * np.where(valid, values, 0.0))
             np.add.at(coverage, index, weight)
-        enough = coverage >= LOWEST_COVERAGE * SLOT_SECONDS
+        enough = coverage >= LOWEST_COVERAGE * record.SLOT_SECONDS
         columns[name] = np.where(enough, total / np.maximum(coverage, 1.0), np.nan)
-        partial = max(partial, int(np.count_nonzero(enough & (coverage < SLOT_SECONDS))))
-        if name in REQUIRED:
-            complete &= coverage >= SLOT_SECONDS - 1
+        partial = max(partial, int(np.count_nonzero(enough & (coverage < record.SLOT_SECONDS))))
+        if name in record.REQUIRED:
+            complete &= coverage >= record.SLOT_SECONDS - 1
     complete_hours = np.flatnonzero(complete)
     if not complete_hours.size:
-        refuse(f"{rows.file} covers no whole hour with all of {', '.join(REQUIRED)}. Export a longer period.", WeatherError)
+        refuse(f"{rows.file} covers no whole hour with all of {', '.join(record.REQUIRED)}. Export a longer period.", WeatherError)
     inside = slice(int(complete_hours[0]), int(complete_hours[-1]) + 1)  # a beginning or end of which a part is missing is left out
-    ends = (first_hour + np.arange(hours, dtype=np.int64) + 1)[inside] * SLOT_SECONDS
+    ends = (first_hour + np.arange(hours, dtype=np.int64) + 1)[inside] * record.SLOT_SECONDS
     numbers = rows.row_numbers[np.minimum(np.searchsorted(rows.slot_ends, ends), rows.slot_ends.size - 1)]
     what = (
         f"rows of {step / 60:g} min averaged to hours"
-        if step < SLOT_SECONDS
+        if step < record.SLOT_SECONDS
         else "hours that do not begin with an hour of UTC averaged to those that do"
     )
     notes = [f"{what}; {ends.size:,} h"]
     if partial:
         notes.append(f"{partial:,} h are means of an hour with missing rows, of which at least half was there")
     columns = {name: values[inside] for name, values in columns.items()}
-    return Rows(rows.file, ends, columns, dict.fromkeys(columns, "mean"), numbers), tuple(notes)
+    return record.Rows(rows.file, ends, columns, dict.fromkeys(columns, "mean"), numbers), tuple(notes)

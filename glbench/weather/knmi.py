@@ -28,20 +28,8 @@ import numpy as np
 from glbench.errors import WeatherError, refuse, whole_number
 from glbench.outside_tables import TextTable
 from glbench.resources import cache_folder, data_folder, write_atomically
+from glbench.weather import record
 from glbench.weather.hourly import hourly_record
-from glbench.weather.record import (
-    SLOT_SECONDS,
-    USUAL_TIMING,
-    Coordinates,
-    FloatArray,
-    IntArray,
-    Origin,
-    Place,
-    Rows,
-    WeatherRecord,
-    ends_of_hours,
-    require_columns,
-)
 
 KNMI_SOURCE = "Royal Netherlands Meteorological Institute (KNMI), hourly observations"
 KNMI_LICENCE = (
@@ -65,23 +53,25 @@ Progress = Callable[[int, int | None], None]
 
 
 @functools.cache
-def known_stations() -> Mapping[int, Place]:
+def known_stations() -> Mapping[int, record.Place]:
     """Places of the stations with hourly observations, by KNMI's number; for files without a station table."""
     with (data_folder("weather") / "knmi_stations.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.reader(file))[1:]
     return {
-        int(number): Place(f"KNMI {number}, {name}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE)
+        int(number): record.Place(f"KNMI {number}, {name}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE)
         for number, longitude, latitude, altitude, name in rows
     }
 
 
-def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatArray], numbers: IntArray | None = None) -> Rows:
+def native_rows(
+    file: str, native: Mapping[str, record.IntArray] | Mapping[str, record.FloatArray], numbers: record.IntArray | None = None
+) -> record.Rows:
     """Rows in canonical units from KNMI's own numbers.
 
     ``native`` holds YYYYMMDD, HH, T and FH [0.1 degC, 0.1 m/s], U [%], N [octants], Q [J/cm2]; NaN for a missing value. ``numbers`` are the
     rows' numbers in ``file``, 1, 2, 3, ... when not given. Raises ``WeatherError`` when a column is missing, or a date or hour is none.
     """
-    require_columns(file, list(native), NEEDED_COLUMNS[1:])
+    record.require_columns(file, list(native), NEEDED_COLUMNS[1:])
     value = {name: np.asarray(column, dtype=np.float64) for name, column in native.items()}
     date, hour = value["YYYYMMDD"], value["HH"]
     row_numbers = np.arange(1, hour.size + 1, dtype=np.int64) if numbers is None else numbers
@@ -89,28 +79,28 @@ def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatAr
     def fault(row: int, problem: str) -> NoReturn:
         refuse(f"{file}, row {row_numbers[row]}: {problem}. Correct the file or fetch it again.", WeatherError)
 
-    slot_ends = ends_of_hours(date // 10000, date // 100 % 100, date % 100, hour, fault)
-    columns: dict[str, FloatArray] = {
+    slot_ends = record.ends_of_hours(date // 10000, date // 100 % 100, date % 100, hour, fault)
+    columns: dict[str, record.FloatArray] = {
         "air_temperature": value["T"] / 10.0,
         "relative_humidity": value["U"],
         **({"cloud_cover": value["N"]} if "N" in value else {}),
         "wind_speed": value["FH"] / 10.0,
         # J cm-2 in the slot; 1e4 J m-2 over 3600 s as one rounded division.
-        "global_radiation": value["Q"] * 10000.0 / SLOT_SECONDS,
+        "global_radiation": value["Q"] * 10000.0 / record.SLOT_SECONDS,
     }
-    return Rows(file, slot_ends, columns, USUAL_TIMING, row_numbers)
+    return record.Rows(file, slot_ends, columns, record.USUAL_TIMING, row_numbers)
 
 
 def record_from_knmi(
     table: TextTable,
-    places: Mapping[int, Place],
+    places: Mapping[int, record.Place],
     name: str,
     *,
     station: int | None = None,
     timezone: str | None = None,
-    coordinates: Coordinates | None = None,
+    coordinates: record.Coordinates | None = None,
     fill_gaps: int = 0,
-) -> WeatherRecord:
+) -> record.WeatherRecord:
     """Checked record of one station of a table of ``parse_knmi``; the options are those of ``read_weather``.
 
     Raises ``WeatherError`` when the station is unknown or there are several, a field is not a number, or there are gaps or impossible
@@ -134,7 +124,7 @@ def record_from_knmi(
     number = present[0] if station is None else station
     place = places.get(number)
     if coordinates is not None:
-        place = Place(place.station if place else f"KNMI {number}", *coordinates, KNMI_TIMEZONE)
+        place = record.Place(place.station if place else f"KNMI {number}", *coordinates, KNMI_TIMEZONE)
     if place is None:
         msg = (
             f"{table.file} gives no coordinates for station {number}: its comments have no station table, and the station is not in KNMI's "
@@ -144,11 +134,11 @@ def record_from_knmi(
     own = columns["STN"] == number
     native = {title: values[own] for title, values in columns.items()}
     place = replace(place, timezone=timezone or place.timezone)
-    origin = Origin(name, place, f"{KNMI_SOURCE}, station {number}", KNMI_LICENCE)
+    origin = record.Origin(name, place, f"{KNMI_SOURCE}, station {number}", KNMI_LICENCE)
     return hourly_record(native_rows(table.file, native, np.array(table.lines, dtype=np.int64)[own]), origin, fill_gaps=fill_gaps)
 
 
-def parse_knmi(text: str, file: str) -> tuple[TextTable, Mapping[int, Place]]:
+def parse_knmi(text: str, file: str) -> tuple[TextTable, Mapping[int, record.Place]]:
     """KNMI's text as a table, and the places of stations by their numbers, from its comments and from KNMI's list.
 
     Raises ``WeatherError`` when there is no header line, or a line has too few or too many fields.
@@ -161,11 +151,11 @@ def parse_knmi(text: str, file: str) -> tuple[TextTable, Mapping[int, Place]]:
         line = raw.strip().strip('"').lstrip("# ").strip()
         if _HEADER.match(line):
             header = ["HH" if title.strip() == "H" else title.strip() for title in line.split(",")]
-            require_columns(file, header, NEEDED_COLUMNS)
+            record.require_columns(file, header, NEEDED_COLUMNS)
         elif station := _STATION.match(line):
             code, longitude, latitude, altitude, title = station.groups()
             town = title.strip().title() if title.isupper() else title.strip()
-            place = Place(f"KNMI {code}, {town}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE)
+            place = record.Place(f"KNMI {code}, {town}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE)
             stations[int(code)] = place
         elif header and line and not raw.lstrip(' "').startswith("#"):
             rows.append([field.strip() for field in raw.split(",")])
@@ -199,7 +189,7 @@ def fetch_knmi(
     refresh: bool = False,
     fill_gaps: int = 0,
     progress: Progress | None = None,
-) -> WeatherRecord:
+) -> record.WeatherRecord:
     """Weather record of a KNMI station and calendar year (UT), from the cache or from KNMI's service.
 
     Raises ``WeatherError`` when the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year; nothing
@@ -233,17 +223,17 @@ def fetch_knmi(
     if not own:
         refuse(f"{file}: it holds no hour of {year}. Does the station exist, and did it measure in that year?", WeatherError)
     table = replace(table, rows=[table.rows[i] for i in own], lines=[table.lines[i] for i in own])
-    record = record_from_knmi(table, places, name or f"knmi-{station}-{year}", station=station, fill_gaps=fill_gaps)
+    season = record_from_knmi(table, places, name or f"knmi-{station}-{year}", station=station, fill_gaps=fill_gaps)
     expected = int((np.datetime64(f"{year + 1}-01-01") - np.datetime64(f"{year}-01-01")).astype(np.int64)) * 24
-    if record.hours != expected:
+    if season.hours != expected:
         msg = (
-            f"{file} runs from {record.period}: {record.hours} of {expected} hours. The answer was cut off, or the year is not "
+            f"{file} runs from {season.period}: {season.hours} of {expected} hours. The answer was cut off, or the year is not "
             "over yet. Try again, or choose another year."
         )
         raise WeatherError(msg)
     if fresh:
         write_atomically(cache, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
-    return record
+    return season
 
 
 def _download(address: str, form: dict[str, str], timeout_seconds: float, total_seconds: float, progress: Progress | None) -> bytes:

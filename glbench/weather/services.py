@@ -18,20 +18,8 @@ import numpy as np
 from glbench.errors import WeatherError, refuse
 from glbench.outside_tables import HOUR, Stamps, TextTable, read_stamps, split_table, step_of, utc_of_local
 from glbench.untrusted import parse_json, reason_of
-from glbench.weather import record
+from glbench.weather import reading, record
 from glbench.weather.column_map import UNITS, canonical_unit
-from glbench.weather.reading import (
-    MEANS,
-    TIMING,
-    Reading,
-    file_name,
-    humidity_column,
-    humidity_of_daily_minimum,
-    humidity_of_dew_point,
-    needed_title,
-    number_of,
-    title_of,
-)
 
 _MISSING = (-9999, -999)
 _PVGIS_LICENCE = "PVGIS (c) European Union: free to use, with the source acknowledged."
@@ -47,7 +35,7 @@ _OPEN_METEO_NAMES: Mapping[str, tuple[str, ...]] = {
 OPEN_METEO_HEADER = "utc_offset_seconds"
 
 
-def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Reading:
+def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> reading.Reading:
     """A typical year or an hourly series of PVGIS, as CSV or JSON.
 
     The hourly series has no humidity. With ``estimate_humidity`` the day's lowest temperature is taken for the dew point; otherwise it is
@@ -55,7 +43,7 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
     """
     table, facts = _pvgis_table(text, file)
     # stamps such as 20200101:0010
-    title = needed_title(table, "time(UTC)")
+    title = reading.needed_title(table, "time(UTC)")
     texts = [[re.sub(r"^(\d{8}):", r"\1 ", text)] for text in table.texts(title)]
     stamps = read_stamps(TextTable(table.file, table.refusal, (), (title,), texts, table.lines), (title,)).seconds
     notes: list[str] = []
@@ -73,16 +61,16 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
         )
     parts = ["G(h)"] if typical else ["G(i)"] if "G(i)" in tilted else tilted
     columns = {
-        "air_temperature": table.numbers(needed_title(table, "T2m")),
-        "wind_speed": table.numbers(needed_title(table, "WS10m")),
+        "air_temperature": table.numbers(reading.needed_title(table, "T2m")),
+        "wind_speed": table.numbers(reading.needed_title(table, "WS10m")),
         "global_radiation": np.sum([table.numbers(title) for title in parts], axis=0),
     }
     if "IR(h)" in table.titles:
         columns["sky_infrared"] = table.numbers("IR(h)")
-    if humidity := title_of(table, "RH"):
+    if humidity := reading.title_of(table, "RH"):
         columns["relative_humidity"] = table.numbers(humidity)
     elif estimate_humidity:
-        columns["relative_humidity"] = humidity_of_daily_minimum(stamps, columns["air_temperature"])
+        columns["relative_humidity"] = reading.humidity_of_daily_minimum(stamps, columns["air_temperature"])
         notes.append("relative humidity estimated: the day's lowest temperature taken for the dew point (FAO-56, equation 48)")
     else:
         msg = (
@@ -97,16 +85,16 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
         share = 0.5 + delay - whole  # of the hour before the stamp, what lies nearer to the instant that its beginning has
         late = np.roll(columns["global_radiation"], whole)
         columns["global_radiation"] = share * np.roll(late, 1) + (1.0 - share) * late
-        rows = record.Rows(file, stamps, columns, {**TIMING, "sky_infrared": "instant"}, lines)
+        rows = record.Rows(file, stamps, columns, {**reading.TIMING, "sky_infrared": "instant"}, lines)
         notes.append(f"radiation is an instant {delay * 60:.0f} min after the stamp; an hour takes that of the nearest instant")
     else:
-        rows = record.Rows(file, stamps + HOUR // 2, columns, MEANS, lines)
+        rows = record.Rows(file, stamps + HOUR // 2, columns, reading.MEANS, lines)
         minute = int(np.median(stamps % HOUR)) // 60
         notes.append(f"values are instants at minute {minute}, each taken for the hour around it")
-    return Reading(
+    return reading.Reading(
         rows,
         f"PVGIS {facts.get('latitude', '?')}, {facts.get('longitude', '?')}",
-        f"PVGIS (European Commission, Joint Research Centre), {'typical year' if typical else 'hourly series'}, {file_name(file)}",
+        f"PVGIS (European Commission, Joint Research Centre), {'typical year' if typical else 'hourly series'}, {reading.file_name(file)}",
         (_fact(facts, "latitude"), _fact(facts, "longitude"), _fact(facts, "elevation")),
         licence=_PVGIS_LICENCE,
         typical=typical,
@@ -155,7 +143,7 @@ def _pvgis_table(text: str, file: str) -> tuple[TextTable, dict[str, float | str
     return split_table(body, file, WeatherError, is_titles=lambda fields: fields[0].startswith("time")), facts
 
 
-def parse_nsrdb(text: str, file: str) -> Reading:
+def parse_nsrdb(text: str, file: str) -> reading.Reading:
     """A file of NREL's National Solar Radiation Database: PSM3 or PSM4, 5 to 60 minutes, real or typical years.
 
     Raises ``WeatherError`` when columns or facts of the heading are missing; a row that does not fit is named.
@@ -164,20 +152,20 @@ def parse_nsrdb(text: str, file: str) -> Reading:
         text, file, WeatherError, is_titles=lambda fields: [field.lower() for field in fields[:4]] == ["year", "month", "day", "hour"]
     )
     facts = _heading(table.preamble)
-    calendar_columns = [table.numbers(needed_title(table, name)) for name in ("Year", "Month", "Day", "Hour")]
-    minute = title_of(table, "Minute")
+    calendar_columns = [table.numbers(reading.needed_title(table, name)) for name in ("Year", "Month", "Day", "Hour")]
+    minute = reading.title_of(table, "Minute")
     minutes = table.numbers(minute) if minute else np.zeros(len(table.rows))
     hours = zip(*calendar_columns, strict=True)
     texts = [[f"{year:04.0f}-{month:02.0f}-{day:02.0f} {hour:02.0f}:00"] for year, month, day, hour in hours]
     dates = TextTable(table.file, table.refusal, (), ("Year, Month, Day, Hour",), texts, table.lines)
     stamps = read_stamps(dates, dates.titles).seconds + minutes.astype(np.int64) * 60
     notes: list[str] = []
-    temperature = table.numbers(needed_title(table, "Temperature", "air_temperature"), _MISSING)
+    temperature = table.numbers(reading.needed_title(table, "Temperature", "air_temperature"), _MISSING)
     columns = {
         "air_temperature": temperature,
-        "relative_humidity": humidity_column(table, temperature, ("Relative Humidity",), ("Dew Point",), _MISSING, notes),
-        "wind_speed": table.numbers(needed_title(table, "Wind Speed"), _MISSING),
-        "global_radiation": table.numbers(needed_title(table, "GHI"), _MISSING),
+        "relative_humidity": reading.humidity_column(table, temperature, ("Relative Humidity",), ("Dew Point",), _MISSING, notes),
+        "wind_speed": table.numbers(reading.needed_title(table, "Wind Speed"), _MISSING),
+        "global_radiation": table.numbers(reading.needed_title(table, "GHI"), _MISSING),
     }
     step = step_of(stamps)
     ends, lines = stamps + step // 2, np.array(table.lines, dtype=np.int64)
@@ -185,18 +173,20 @@ def parse_nsrdb(text: str, file: str) -> Reading:
         ends, lines = np.append(ends, -(-ends[-1] // HOUR) * HOUR), np.append(lines, lines[-1])
         columns = {quantity: np.append(values, values[-1]) for quantity, values in columns.items()}
     place = {name: facts.get(name) for name in ("latitude", "longitude", "elevation", "time zone")}
-    latitude, longitude, altitude, offset = (None if field is None else number_of(file, 2, name, field) for name, field in place.items())
+    latitude, longitude, altitude, offset = (
+        None if field is None else reading.number_of(file, 2, name, field) for name, field in place.items()
+    )
     if offset is None:
         refuse(f"{file}, row 1: the heading has no 'Time Zone', so it is unclear when the rows are. Download the file again.", WeatherError)
     local = facts.get("local time zone")
-    shift = number_of(file, 2, "local time zone", local) if local else offset
+    shift = reading.number_of(file, 2, "local time zone", local) if local else offset
     # Typical years are turned in the clock of their rows; the local clock is another one where the rows are in UTC.
     zone = f"Etc/GMT{-int(shift):+d}" if shift and shift == int(shift) and not offset else None
     state = ", ".join(facts[name] for name in ("city", "state", "country") if facts.get(name, "-").strip("-"))
-    return Reading(
-        record.Rows(file, ends, columns, MEANS, lines),
+    return reading.Reading(
+        record.Rows(file, ends, columns, reading.MEANS, lines),
         state or f"NSRDB {facts.get('location id', '')}".strip(),
-        f"NREL {facts.get('source', 'NSRDB')}, location {facts.get('location id', 'not stated')}, {file_name(file)}",
+        f"NREL {facts.get('source', 'NSRDB')}, location {facts.get('location id', 'not stated')}, {reading.file_name(file)}",
         (latitude, longitude, altitude),
         offset,
         zone,
@@ -210,7 +200,7 @@ def _heading(lines: Sequence[str]) -> dict[str, str]:
     return {} if len(rows) < 2 else {name.strip().lower(): text.strip() for name, text in zip(rows[0], rows[1], strict=False)}
 
 
-def parse_open_meteo(text: str, file: str) -> Reading:
+def parse_open_meteo(text: str, file: str) -> reading.Reading:
     """A CSV of Open-Meteo: its hourly rows, or those of 15 minutes.
 
     Raises ``WeatherError`` when it holds several places, only daily rows, or lacks a column; a row that does not fit is named.
@@ -245,14 +235,14 @@ def parse_open_meteo(text: str, file: str) -> Reading:
     notes: list[str] = []
     columns = _open_meteo_columns(table, notes)
     latitude, longitude, altitude = (
-        None if facts.get(name, "nan").lower() == "nan" else number_of(file, 2, name, facts[name])
+        None if facts.get(name, "nan").lower() == "nan" else reading.number_of(file, 2, name, facts[name])
         for name in ("latitude", "longitude", "elevation")
     )
     seconds, zone = _open_meteo_clock(table, stamps, facts, notes)
-    return Reading(
-        record.Rows(file, seconds, columns, TIMING, np.array(table.lines, dtype=np.int64)),
+    return reading.Reading(
+        record.Rows(file, seconds, columns, reading.TIMING, np.array(table.lines, dtype=np.int64)),
         f"Open-Meteo {facts.get('latitude', '?')}, {facts.get('longitude', '?')}",
-        f"Open-Meteo.com, {file_name(file)}",
+        f"Open-Meteo.com, {reading.file_name(file)}",
         (latitude, longitude, altitude),
         zone=zone,
         licence=_OPEN_METEO_LICENCE,
@@ -262,27 +252,21 @@ def parse_open_meteo(text: str, file: str) -> Reading:
 
 def _open_meteo_columns(table: TextTable, notes: list[str]) -> dict[str, record.FloatArray]:
     """Quantities of a table of Open-Meteo, in canonical units."""
-    present = {}
-    for quantity, names in _OPEN_METEO_NAMES.items():
-        values = next((column for name in names if (column := _open_meteo_column(table, name, quantity)) is not None), None)
-        if values is not None:
-            present[quantity] = values
-    dew_point, direct, diffuse = (
-        next((column for name in names if (column := _open_meteo_column(table, name, quantity)) is not None), None)
-        for quantity, *names in (
-            ("air_temperature", "dew_point_2m", "dewpoint_2m"),
-            ("global_radiation", "direct_radiation"),
-            ("global_radiation", "diffuse_radiation"),
-        )
-    )
+
+    def column(quantity: str, *names: str) -> record.FloatArray | None:
+        return next((values for name in names if (values := _open_meteo_column(table, name, quantity)) is not None), None)
+
+    present = {name: values for name, names in _OPEN_METEO_NAMES.items() if (values := column(name, *names)) is not None}
+    dew_point = column("air_temperature", "dew_point_2m", "dewpoint_2m")
+    direct, diffuse = column("global_radiation", "direct_radiation"), column("global_radiation", "diffuse_radiation")
     if "relative_humidity" not in present and "air_temperature" in present and dew_point is not None:
         notes.append("relative humidity from the dew point")
-        present["relative_humidity"] = humidity_of_dew_point(present["air_temperature"], dew_point)
+        present["relative_humidity"] = reading.humidity_of_dew_point(present["air_temperature"], dew_point)
     if "global_radiation" not in present and direct is not None and diffuse is not None:
         present["global_radiation"] = direct + diffuse
     for quantity in record.REQUIRED:
         if quantity not in present:
-            needed_title(table, _OPEN_METEO_NAMES[quantity][0])
+            reading.needed_title(table, _OPEN_METEO_NAMES[quantity][0])
     return present
 
 
@@ -303,7 +287,7 @@ def _open_meteo_clock(table: TextTable, stamps: Stamps, facts: Mapping[str, str]
     """Stamps in UTC [s since 1970-01-01], and the zone of the local clock where the file names one."""
     name = facts.get("timezone", "GMT")
     zone = None if name in ("GMT", "UTC", "Etc/UTC", "Etc/GMT") else name
-    offset = round(number_of(table.file, 2, "utc_offset_seconds", facts.get("utc_offset_seconds", "0")))
+    offset = round(reading.number_of(table.file, 2, "utc_offset_seconds", facts.get("utc_offset_seconds", "0")))
     if zone is not None:
         record.time_zone(zone)
     if stamps.zoned:
@@ -322,7 +306,7 @@ def _open_meteo_clock(table: TextTable, stamps: Stamps, facts: Mapping[str, str]
     return fixed, zone
 
 
-def parse_solar_anywhere(text: str, file: str) -> Reading:
+def parse_solar_anywhere(text: str, file: str) -> reading.Reading:
     """A file of SolarAnywhere in its own form. Raises ``WeatherError`` as ``parse_nsrdb`` does."""
     table = split_table(text, file, WeatherError, is_titles=lambda fields: fields[0].startswith("ObservationTime"))
     above = next(csv.reader([line for line in table.preamble if line.strip()][:1]), [])
@@ -330,26 +314,27 @@ def parse_solar_anywhere(text: str, file: str) -> Reading:
         msg = f"{file}, row 1: it is not 'number, name, state, time zone, latitude, longitude, altitude'. Download the file again."
         raise WeatherError(msg)
     offset, latitude, longitude, altitude = (
-        number_of(file, 1, what, field) for what, field in zip(("time zone", "latitude", "longitude", "altitude"), above[3:7], strict=True)
+        reading.number_of(file, 1, what, field)
+        for what, field in zip(("time zone", "latitude", "longitude", "altitude"), above[3:7], strict=True)
     )
     about = " ".join(above[7:])
     if "end of period" not in about.lower():
         msg = f"{file}, row 1: its values are not means to the end of a period ('{about[:80]}'). Export them with 'End of Period'."
         raise WeatherError(msg)
     stamps = read_stamps(table, (table.titles[0],), order="month first")
-    temperature = table.numbers(needed_title(table, "AmbientTemperature (deg C)"), _MISSING)
+    temperature = table.numbers(reading.needed_title(table, "AmbientTemperature (deg C)"), _MISSING)
     columns = {
         "air_temperature": temperature,
-        "relative_humidity": table.numbers(needed_title(table, "Relative Humidity (%)"), _MISSING),
-        "wind_speed": table.numbers(needed_title(table, "WindSpeed (m/s)"), _MISSING),
+        "relative_humidity": table.numbers(reading.needed_title(table, "Relative Humidity (%)"), _MISSING),
+        "wind_speed": table.numbers(reading.needed_title(table, "WindSpeed (m/s)"), _MISSING),
         "global_radiation": table.numbers(
-            next((title for title in table.titles if "(GHI)" in title), None) or needed_title(table, "GHI"), _MISSING
+            next((title for title in table.titles if "(GHI)" in title), None) or reading.needed_title(table, "GHI"), _MISSING
         ),
     }
-    return Reading(
-        record.Rows(file, stamps.seconds, columns, MEANS, np.array(table.lines, dtype=np.int64)),
+    return reading.Reading(
+        record.Rows(file, stamps.seconds, columns, reading.MEANS, np.array(table.lines, dtype=np.int64)),
         " ".join(above[1].split()),
-        f"SolarAnywhere {file_name(file)}",
+        f"SolarAnywhere {reading.file_name(file)}",
         (latitude, longitude, altitude),
         offset,
         typical="typical" in about.lower(),

@@ -15,19 +15,7 @@ import numpy as np
 from glbench.errors import WeatherError, refuse
 from glbench.outside_tables import HOUR, TextTable, read_stamps, split_table
 from glbench.untrusted import visible
-from glbench.weather import record
-from glbench.weather.reading import (
-    OCTANTS_PER_TENTH,
-    TIMING,
-    Reading,
-    file_name,
-    humidity_column,
-    humidity_of_dew_point,
-    needed_title,
-    number_of,
-    title_of,
-    without_constant_zero,
-)
+from glbench.weather import reading, record
 
 _EPW_FIELDS = (
     *("year", "month", "day", "hour", "minute", "flags", "dry-bulb temperature", "dew point", "relative humidity", "pressure"),
@@ -56,7 +44,7 @@ TMY2_HEADER = re.compile(
 )
 
 
-def parse_epw(text: str, file: str) -> Reading:
+def parse_epw(text: str, file: str) -> reading.Reading:
     """An EnergyPlus weather file, hourly or finer. Raises ``WeatherError``, with file, row and value, when it is none or wrong."""
     lines = text.split("\n")
     first = next((i for i, line in enumerate(lines) if line.strip()), 0)
@@ -71,7 +59,7 @@ def parse_epw(text: str, file: str) -> Reading:
         heading.pop()
     # From the end: a comma in the name of the place shifts the others.
     latitude, longitude, offset, altitude = (
-        number_of(file, first + 1, what, field)
+        reading.number_of(file, first + 1, what, field)
         for what, field in zip(("latitude", "longitude", "time zone", "altitude"), heading[-4:], strict=False)
     )
     rows = [
@@ -94,18 +82,18 @@ def parse_epw(text: str, file: str) -> Reading:
     notes: list[str] = []
     ends = _epw_ends(table, notes)
     columns = {quantity: table.numbers(*field) for quantity, field in _EPW_COLUMNS.items()}
-    columns["cloud_cover"] *= OCTANTS_PER_TENTH
+    columns["cloud_cover"] *= reading.OCTANTS_PER_TENTH
     if np.isnan(columns["sky_infrared"]).all():
         notes.append("the sky's infrared radiation is 0 or missing in every row: it is left out")
     if np.isnan(columns["relative_humidity"]).all():
-        columns["relative_humidity"] = humidity_of_dew_point(columns["air_temperature"], table.numbers(*_DEW_POINT))
+        columns["relative_humidity"] = reading.humidity_of_dew_point(columns["air_temperature"], table.numbers(*_DEW_POINT))
         notes.append("relative humidity from the dew point")
-    columns = without_constant_zero(columns, ("cloud_cover",), notes)
+    columns = reading.without_constant_zero(columns, ("cloud_cover",), notes)
     names = [field.strip() for field in heading[1:-4]]
     station = ", ".join(name for name in (names[0], *names[2:3]) if name.strip("-")) if names else ""
-    source = f"EnergyPlus weather file {file_name(file)} ({station}; {names[3] if len(names) > 3 else 'source not stated'})"
-    return Reading(
-        record.Rows(file, ends, columns, TIMING, np.array(table.lines, dtype=np.int64)),
+    source = f"EnergyPlus weather file {reading.file_name(file)} ({station}; {names[3] if len(names) > 3 else 'source not stated'})"
+    return reading.Reading(
+        record.Rows(file, ends, columns, reading.TIMING, np.array(table.lines, dtype=np.int64)),
         station,
         source,
         (latitude, longitude, altitude),
@@ -137,7 +125,7 @@ def _epw_ends(table: TextTable, notes: list[str]) -> record.IntArray:
     return np.asarray((of_hour + 1) * HOUR, dtype=np.int64)
 
 
-def parse_tmy(text: str, file: str) -> Reading:
+def parse_tmy(text: str, file: str) -> reading.Reading:
     """A typical year of NREL: TMY3, or another provider's file in that form, or TMY2. Raises ``WeatherError`` as ``parse_epw`` does."""
     if TMY2_HEADER.match(text.partition("\n")[0]) or file.lower().endswith((".tm2", ".tmy2")):
         return parse_tmy2(text, file)
@@ -148,29 +136,33 @@ def parse_tmy(text: str, file: str) -> Reading:
         msg = f"{file} cannot be read as a TMY3 file: no line 'number, name, state, zone, latitude, longitude, altitude' above titles."
         raise WeatherError(msg)
     offset, latitude, longitude, altitude = (
-        number_of(file, 1, what, field)
+        reading.number_of(file, 1, what, field)
         for what, field in zip(("time zone", "latitude", "longitude", "altitude"), heading[3:7], strict=True)
     )
-    stamps = read_stamps(table, (table.titles[0], needed_title(table, "Time (HH:MM)")), order="month first")
+    stamps = read_stamps(table, (table.titles[0], reading.needed_title(table, "Time (HH:MM)")), order="month first")
     if np.any(stamps.seconds % HOUR):
         table.refuse("its stamps are not whole hours, so it is unclear which hour a value belongs to. Use hour-ending TMY3.")
     notes: list[str] = []
     columns = {
-        "air_temperature": table.numbers(needed_title(table, "Dry-bulb (C)"), _TMY3_MISSING),
-        "wind_speed": table.numbers(needed_title(table, "Wspd (m/s)"), _TMY3_MISSING),
-        "global_radiation": table.numbers(needed_title(table, "GHI (W/m^2)"), _TMY3_MISSING),
+        "air_temperature": table.numbers(reading.needed_title(table, "Dry-bulb (C)"), _TMY3_MISSING),
+        "wind_speed": table.numbers(reading.needed_title(table, "Wspd (m/s)"), _TMY3_MISSING),
+        "global_radiation": table.numbers(reading.needed_title(table, "GHI (W/m^2)"), _TMY3_MISSING),
     }
-    columns["relative_humidity"] = humidity_column(
+    columns["relative_humidity"] = reading.humidity_column(
         table, columns["air_temperature"], ("RHum (%)",), ("Dew-point (C)",), _TMY3_MISSING, notes
     )
-    if cloud := title_of(table, "TotCld (tenths)"):
-        columns["cloud_cover"] = table.numbers(cloud, (*_TMY3_MISSING, 99)) * OCTANTS_PER_TENTH
-    return Reading(
+    if cloud := reading.title_of(table, "TotCld (tenths)"):
+        columns["cloud_cover"] = table.numbers(cloud, (*_TMY3_MISSING, 99)) * reading.OCTANTS_PER_TENTH
+    return reading.Reading(
         record.Rows(
-            file, stamps.seconds, without_constant_zero(columns, ("cloud_cover",), notes), TIMING, np.array(table.lines, dtype=np.int64)
+            file,
+            stamps.seconds,
+            reading.without_constant_zero(columns, ("cloud_cover",), notes),
+            reading.TIMING,
+            np.array(table.lines, dtype=np.int64),
         ),
         " ".join(heading[1].strip('" ').split()),
-        f"NREL TMY3 {file_name(file)}, station {heading[0].strip()}",
+        f"NREL TMY3 {reading.file_name(file)}, station {heading[0].strip()}",
         (latitude, longitude, altitude),
         offset,
         typical="timeseries" not in above[0].lower(),
@@ -178,7 +170,7 @@ def parse_tmy(text: str, file: str) -> Reading:
     )
 
 
-def parse_tmy2(text: str, file: str) -> Reading:
+def parse_tmy2(text: str, file: str) -> reading.Reading:
     """A typical year of NREL in the form TMY2, with columns of fixed width. Raises ``WeatherError`` as ``parse_epw`` does."""
     lines = text.split("\n")
     heading = TMY2_HEADER.fullmatch(lines[0])
@@ -202,22 +194,22 @@ def parse_tmy2(text: str, file: str) -> Reading:
         "relative_humidity": table.numbers("relative humidity", (999,)),
         "wind_speed": table.numbers("wind speed", (999,)) / 10.0,
         "global_radiation": table.numbers("global horizontal radiation", (9999,)),
-        "cloud_cover": table.numbers("total sky cover", (99,)) * OCTANTS_PER_TENTH,
+        "cloud_cover": table.numbers("total sky cover", (99,)) * reading.OCTANTS_PER_TENTH,
     }
     latitude, longitude = (
         (float(heading[degrees]) + float(heading[f"{degrees}_minutes"]) / 60) * (1 if heading[side] in "NE" else -1)
         for degrees, side in (("north", "ns"), ("east", "ew"))
     )
-    return Reading(
+    return reading.Reading(
         record.Rows(
             file,
             record.ends_of_hours(year + 1900, month, day, hour, lambda i, what: table.refuse(f"{what}. Correct the file.", i)),
             columns,
-            TIMING,
+            reading.TIMING,
             np.array(numbers, dtype=np.int64),
         ),
         heading["city"].replace("_", " ").title(),
-        f"NREL TMY2 {file_name(file)}, station {heading['number']}",
+        f"NREL TMY2 {reading.file_name(file)}, station {heading['number']}",
         (latitude, longitude, float(heading["altitude"])),
         float(heading["zone"]),
         typical=True,
