@@ -182,15 +182,16 @@ def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[conso
         return
     runs = sum(len(one.seeds) for one in plans)
     yield console.Line(f"Mean reward of {console.count(runs, 'run')}: {total / runs:,.3f} {unit}")
+    folder, task = console.quoted(search.folder), console.quoted(search.task.source)
     if search.task.locked:
-        yield console.aside(f"Hand in plans that beat the best known ones with: glbench bound --submit {search.folder}")
+        yield console.aside(f"Hand in plans that beat the best known ones with: glbench bound --submit {folder}")
     elif search.task.split != "training":
         search.save_card()
         planned = sorted(seed for one in plans for seed in one.seeds)
         row = next((row for row, seed in enumerate(planned) if seed != planned[0] + row), len(planned))
         some = "" if planned == list(search.task.evaluation.seeds) else f" --seed {planned[0]} --runs {row}"
         split = "" if search.task.split in (None, "test") else f" --split {search.task.split}"
-        yield console.aside(f"Evaluate the plans with: glbench evaluate {search.folder} --task {search.task.source}{split}{some}")
+        yield console.aside(f"Evaluate the plans with: glbench evaluate {folder} --task {task}{split}{some}")
 
 
 def submission_parts(plans: Sequence[PlanComparison]) -> Iterator[console.Part]:

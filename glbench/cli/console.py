@@ -9,6 +9,7 @@ import contextlib
 import json
 import logging
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -403,6 +404,11 @@ def _handled_by(handler: Callable[[int, FrameType | None], NoReturn]) -> Iterato
             if usual != signal.SIG_IGN:  # ignored signals stay ignored (nohup)
                 signal.signal(number, handler)
         yield
+
+
+def quoted(path: object) -> str:
+    """A path as a shell takes it, for commands that are printed."""
+    return shlex.quote(str(path))
 
 
 def leave(code: int) -> NoReturn:

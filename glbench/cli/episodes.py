@@ -197,7 +197,7 @@ def recording(
 
     actions = write_recording(result, run, out)
     console.write(out)
-    console.tell(f"{len(actions.actions)} steps of {actions.about['agent']}. Next: glbench evaluate {out}")
+    console.tell(f"{len(actions.actions)} steps of {actions.about['agent']}. Next: glbench evaluate {console.quoted(out)}")
 
 
 app.command()(dispatch)
@@ -220,7 +220,7 @@ def episode_facts(episode: Episode, file: Path) -> dict[str, str]:
         "kernel": f"{provenance.kernel['backend']}, glbench {provenance.versions['glbench']}",
     }
     if episode.problem:
-        facts["damage"] = f"{episode.problem}; `glbench episodes recover {file}` makes a whole file of what is left"
+        facts["damage"] = f"{episode.problem}; `glbench episodes recover {console.quoted(file)}` makes a whole file of what is left"
     elif episode.steps != run.steps:
         facts["damage"] = "recovered from a file that was cut"
     return facts

@@ -243,7 +243,7 @@ def _evaluate(evaluation: Evaluation, printer: console.Printer, *, viewer: str |
         path, here = evaluation.path, Path.cwd()
         file = path.relative_to(here) if path.is_relative_to(here) else path
         sealed = "" if result.task.salt_commitment is None else " --round FILE"
-        printer.say(console.aside(f"Saved: {file}"), console.aside(f"Reproduce it: glbench verify {file}{sealed}"))
+        printer.say(console.aside(f"Saved: {file}"), console.aside(f"Reproduce it: glbench verify {console.quoted(file)}{sealed}"))
     return result
 
 

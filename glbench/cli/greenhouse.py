@@ -35,7 +35,7 @@ def new_command(page: PageFile = Path("greenhouse.toml")) -> None:
         refuse(f"{page} is there already. Edit it, or give another name; nothing is overwritten.", TaskError)
     write_atomically(page, EMPTY_PAGE.read_text(encoding="utf-8"))
     console.tell(f"Wrote {page}")
-    console.tell(f"Fill in what you know, then: glbench greenhouse check {page}")
+    console.tell(f"Fill in what you know, then: glbench greenhouse check {console.quoted(page)}")
 
 
 @app.command("check")
@@ -47,7 +47,7 @@ def check_command(page: PageFile, as_json: AsJson = False) -> None:
     settings = read_page(page)
     base_task(settings)
     house = design(settings)
-    more = console.aside(f"Next: glbench greenhouse task {page} my_house.toml")
+    more = console.aside(f"Next: glbench greenhouse task {console.quoted(page)} my_house.toml")
     code = 1 if house.refusals else 0
     parts = (*_parts(house), *(() if house.refusals else (more,)))
     console.show(console.View(parts, lambda: _document(house), code=code), as_json=as_json)
@@ -100,11 +100,11 @@ def task_command(
         yield from _season(spec, outcome)
         split = " --split validation" if outcome.split == "validation" else ""
         yield console.Line(f"Wrote {task} and {rules}. Next:", wrap="always")
-        yield console.Line(f"  glbench evaluate {rules} --task {task}{split} --runs 4")
+        yield console.Line(f"  glbench evaluate {console.quoted(rules)} --task {console.quoted(task)}{split} --runs 4")
         yield console.Line(
             f"  glbench tune rules --task {task} --config {rules / 'rules.yml'}"
             if split and not by_computer
-            else f"  glbench tasks show {task}"
+            else f"  glbench tasks show {console.quoted(task)}"
         )
 
     console.show(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import webbrowser
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -171,7 +170,7 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
     out = path.resolve().parent.parent.parent  # OUT/results/TASK/agent.json, of a trial OUT/trials/results/...
     split = " --split validation" if out.name == VALIDATION else ""
     out = out.parent if out.name in (TRIALS, VALIDATION) else out
-    where = split + ("" if out == REPORTS.resolve() else f" --out {shlex.quote(str(out))}")
+    where = split + ("" if out == REPORTS.resolve() else f" --out {console.quoted(out)}")
     seeds = result.evaluation.seeds
     here = sorted(one.stem for one in path.parent.glob("*.json") if "." not in one.stem and one != path)
     msg = (

@@ -73,5 +73,5 @@ def serve(
         logger.addHandler(logging.StreamHandler())
     with contextlib.suppress(KeyboardInterrupt):
         server_of(app, debug=debugging()).run(sockets=[listener])
-    where = f" Their episodes are in {episodes}." if episodes is not None and seasons.at_end else ""
+    where = f" Episodes of those with a step are in {episodes}." if episodes is not None and seasons.at_end else ""
     tell(f"\nClosed, with {count(seasons.at_end, 'session')} open.{where}")

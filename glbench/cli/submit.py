@@ -79,14 +79,14 @@ def new(
     if kind == EXAMPLE_KIND:
         for file in copy_examples(folder):
             console.tell(f"Wrote {file}")
-        console.tell(f"Next: glbench evaluate {folder / 'my_agent.py'}")
+        console.tell(f"Next: glbench evaluate {console.quoted(folder / 'my_agent.py')}")
         return
     if kind not in KINDS:
         refuse(f"There is no template '{kind}'.{did_you_mean(kind, (*KINDS, EXAMPLE_KIND))}", SubmissionError)
     files = new_submission(folder, kind)
     for file in (*files, *(_untrained_model(folder) if kind == "sb3" else ())):
         console.tell(f"Wrote {file}")
-    console.tell(f"Next: glbench submit check {folder}")
+    console.tell(f"Next: glbench submit check {console.quoted(folder)}")
 
 
 def _untrained_model(folder: Path) -> tuple[Path, ...]:
@@ -134,4 +134,4 @@ def _parts(report: Report, path: str, task: str | None) -> Iterator[console.Part
         splits = task_or_default(task).splits
         has_validation = splits is not None and "validation" in splits.names
         trial, score = (" --split validation", "these options: the score") if has_validation else ("", "--runs")
-        yield console.aside(f"Next: glbench evaluate {path}{on} --runs 2{trial}, then without {score}.")
+        yield console.aside(f"Next: glbench evaluate {console.quoted(path)}{on} --runs 2{trial}, then without {score}.")

@@ -322,7 +322,7 @@ def export_policy(
         export_model(model, algorithm or "ppo", normalization, options.task_or_default(task), folder)
     size = (folder / POLICY).stat().st_size
     console.write(f"{folder / POLICY}: {size / 1000:,.0f} kB")
-    console.tell(f"Next: glbench evaluate {folder}")
+    console.tell(f"Next: glbench evaluate {console.quoted(folder)}")
 
 
 def sweep(
@@ -437,7 +437,7 @@ def train_with_seeds(
         view.add(str(seed), score.number(one.best_reward), *steps, score.number(one.last_reward), remark)
     console.put_parts([view])
     if policies:
-        console.write(f"Next: glbench evaluate {place}/{name}-seed*")
+        console.write(f"Next: glbench evaluate {console.quoted(place)}/{name}-seed*")
     if failures or any(not one.learnt for one in policies.values()):
         raise typer.Exit(1 if failures else console.NOTHING_LEARNT)
 
@@ -485,5 +485,5 @@ def _put_outcome(
     if trained.not_exported is not None:
         console.tell(f"No policy.npz was written: {trained.not_exported}")
         agent = trained.model
-    option = "" if task is None else f" --task {task}"
-    console.tell(f"Next: glbench evaluate {agent}{option}")
+    option = "" if task is None else f" --task {console.quoted(task)}"
+    console.tell(f"Next: glbench evaluate {console.quoted(agent)}{option}")

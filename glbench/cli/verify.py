@@ -80,7 +80,9 @@ def result_files(paths: list[Path]) -> list[Path]:
     for path in paths:
         trials = path.parent / "trials" / path.name
         if not path.exists() and trials.is_dir():
-            refuse(f"There is no folder {path}, but there are results of trials (--runs): glbench verify {trials}", ResultError)
+            refuse(
+                f"There is no folder {path}, but there are results of trials (--runs): glbench verify {console.quoted(trials)}", ResultError
+            )
     files = [
         file
         for path in paths

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, print_warning, tell
+from glbench.cli.console import messages, print_warning, quoted, tell
 from glbench.cli.options import OneTask, result_file
 from glbench.errors import EpisodeError, refuse
 
@@ -70,7 +70,7 @@ def view(
         course, words = replace(shown_of(episodes), first_day=first, days=days), provenance_words(episodes)
     if save is not None:
         save_recording(course, save, words)
-        tell(f"Saved: {save}  (open it with: rerun {save})")
+        tell(f"Saved: {save}  (open it with: rerun {quoted(save)})")
     with tempfile.TemporaryDirectory(prefix="glbench-view-") as folder:
         recording = Path(folder) / f"{course.task.short_id}.rrd"
         if picture is not None:
@@ -131,7 +131,7 @@ def _episode(path: Path, run: str) -> Episode:
 
     if path.name.endswith(ACTIONS_SUFFIX):
         owner = path.with_name(path.name.removesuffix(ACTIONS_SUFFIX) + ".json")
-        refuse(f"{path} holds the actions of many runs. Give the result that it belongs to: glbench view {owner}", EpisodeError)
+        refuse(f"{path} holds the actions of many runs. Give the result that it belongs to: glbench view {quoted(owner)}", EpisodeError)
     if path.suffix == EPISODE_SUFFIX:
         episode = read_episode(path, partial=True)
         if episode.problem is not None:

@@ -175,10 +175,11 @@ def columns_of(
     view.add("time", " and ".join(columns.time), columns.dates or "", "start, middle or end of the interval? which clock?")
     for quantity, entry in columns.columns.items():
         view.add(quantity, entry.column, entry.unit, checks.get(quantity, ""))
+    name = console.quoted(file)
     lines = [
         *([console.Line(f"Left out: {', '.join(unused)}")] if unused else []),
         console.Line(f"Written: {path}. Check it, then:"),
-        console.Line(f"  glbench weather import {file} --name NAME --columns {path} --place LATITUDE,LONGITUDE,ALTITUDE"),
+        console.Line(f"  glbench weather import {name} --name NAME --columns {console.quoted(path)} --place LATITUDE,LONGITUDE,ALTITUDE"),
     ]
     document = {**columns.model_dump(exclude_none=True), "check": checks, "unused": unused, "file": str(path)}
     console.show(console.View([view, *lines], document), as_json=as_json)
@@ -266,7 +267,7 @@ def generate(
     write_record(record, out)
     console.write(f"Season of {days} days from {start}, seed {seed}: {record.period}, SHA-256 {record.digest[:12]}, in {out}")
     console.write(f"Its source: {record.source}")
-    console.write(f"Keep it under a name: glbench weather import {out} --name NAME")
+    console.write(f"Keep it under a name: glbench weather import {console.quoted(out)} --name NAME")
     if picture is not None:
         write_picture(generator, season, picture)
         console.write(f"Picture in {picture}")

@@ -17,26 +17,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.arrays import Floats
-from glbench.episodes.crop_pictures import crop_scenes
 from glbench.episodes.episode import ACTING, Episode, weeks_of
-from glbench.episodes.signals import Curve, Page, Signals, signals_of
+from glbench.episodes.signals import SCENE, Curve, Page, Signals, signals_of
 from glbench.errors import GlbenchError, refuse
+from glbench.extras import missing
 from glbench.quantities import MONEY, in_sentence, pretty_unit, raised_unit
-from glbench.resources import write_atomically
+from glbench.resources import lacks_pictures, write_atomically
 from glbench.tasks import TaskSpec, task_card
 from glbench.tasks.prices import local_times
+from glbench.vision.library import Library
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
-
-    from glbench.vision.library import Library
 
 APPLICATION = "glbench"
 TIME = "time"
 LOCAL_TIME = "local_time"  # The greenhouse's clock, a time line of its own beside UTC
 STEP = "step"
 _PICTURES = "pictures"
+_NOON, _ROW = 12.0, ("cLeaf", "fruits", "nRipe")  # When the row of tomatoes is drawn anew, and from which columns
 _LINE_WIDTH = 1.6
 _MARGIN = 0.04
 _LIVE_MARGIN = 0.35  # Room above and below limits and curves, as a share of their range; more where the curves are still to come
@@ -113,9 +113,9 @@ class RunSet:
 
     def __post_init__(self) -> None:
         for trajectory in self.trajectories:
-            missing = [name for name in self.signals.needed if name not in trajectory.columns]
-            if missing:
-                refuse(f"The record of '{trajectory.controller}' lacks {', '.join(missing)}, which the viewer shows.", GlbenchError)
+            lacking = [name for name in self.signals.needed if name not in trajectory.columns]
+            if lacking:
+                refuse(f"The record of '{trajectory.controller}' lacks {', '.join(lacking)}, which the viewer shows.", GlbenchError)
 
     @property
     def longest(self) -> Trajectory:
@@ -134,8 +134,21 @@ class RunSet:
         return curve.shared and all(trajectory.began is None for trajectory in self.trajectories)
 
     def pictures(self, trajectory: Trajectory) -> tuple[Library, NDArray[np.int64]] | None:
-        """A library, and its scene at the end of each step of a trajectory ``(steps,)``; ``None`` where there are none."""
-        return crop_scenes(self.task, trajectory.columns, self.signals.clock, trajectory.seed)
+        """A library, and its scene at the end of each step of a trajectory ``(steps,)``.
+
+        Either what a camera saw, or of a crop of trusses the row of tomatoes that is nearest in leaf area (of nominal leaves) and fruits at
+        noon, whose plants the seed chooses. ``None`` for other crops, and where the library or the package pillow is not installed.
+        """
+        columns, clock = trajectory.columns, self.signals.clock
+        if self.task.picture_library is not None and SCENE in columns:
+            return self.task.picture_library, columns[SCENE].astype(np.int64)
+        if not {*_ROW, clock} <= {*columns} or lacks_pictures() or missing("PIL"):
+            return None
+        leaves, fruits, ripe = (columns[name] for name in _ROW)
+        states = np.stack([self.task.parameters_by_name()["sla"] * leaves, fruits, ripe], axis=-1)
+        hours, library = columns[clock], Library.open("tomato")
+        changes = np.append(0, np.flatnonzero((hours[1:] >= _NOON) & (hours[:-1] < _NOON)) + 1)[: len(hours)]
+        return library, np.repeat(library.nearest(states[changes], trajectory.seed), np.diff(np.append(changes, len(hours))))
 
     def closeup(self) -> tuple[np.datetime64, np.datetime64]:
         """Start and end of the days that fast quantities show first, which are days of the greenhouse's clock where that is known.
@@ -400,16 +413,14 @@ def send_trajectories(stream: rr.RecordingStream, runs: RunSet, first: int = 0) 
         for label, trajectory in zip(runs.labels, runs.trajectories, strict=True):
             _send_curve(stream, _entity(curve, label), curve, trajectory, first, runs.signals.clock)
     for label, trajectory in zip(runs.labels, runs.trajectories, strict=True):
-        _send_pictures(stream, label, trajectory, runs.pictures(trajectory), runs.signals.clock)
+        if (pictures := runs.pictures(trajectory)) is not None:
+            _send_pictures(stream, label, trajectory, *pictures, local(trajectory, runs.signals.clock))
 
 
 def _send_pictures(
-    stream: rr.RecordingStream, label: str, trajectory: Trajectory, pictures: tuple[Library, NDArray[np.int64]] | None, hours: str
+    stream: rr.RecordingStream, label: str, trajectory: Trajectory, library: Library, scenes: NDArray[np.int64], clock: Times | None
 ) -> None:
     """Send each picture at the end of the step after which the agent saw it; the first one at the start."""
-    if pictures is None:
-        return
-    (library, scenes), clock = pictures, local(trajectory, hours)
     for step in [0, *(np.flatnonzero(np.diff(scenes)) + 2).tolist()] if len(scenes) else []:
         stream.set_time(STEP, sequence=step)
         for name, times in ((TIME, trajectory.times), (LOCAL_TIME, clock)):

@@ -67,8 +67,7 @@ class Library:
         versions = [int(one.rpartition("-")[2]) for one in manifest if one.rpartition("-")[0] == crop] if version is None else [version]
         name = f"{crop}-{max(versions)}" if versions else crop
         if name not in manifest:
-            msg = f"There are no pictures '{name}'. There are: {', '.join(sorted(manifest))}."
-            raise GlbenchError(msg)
+            refuse(f"There are no pictures '{name}'. There are: {', '.join(sorted(manifest))}.", GlbenchError)
         return cls.at(folder / f"{name}.npz", manifest[name]["sha256"])
 
     @classmethod
@@ -118,13 +117,11 @@ class Library:
 
         ``states`` are by the names of ``TRUTH``, shape (n, names); distances are shares of the range of each. The light is that of noon.
         """
-        scenes = np.flatnonzero(self.plants("test") & (self.lights == light))
-        rows = np.unique(self.seeds[scenes])
-        scenes = scenes[self.seeds[scenes] == rows[variation % len(rows)]]
+        rows = np.unique(self.seeds[self.plants("test")])
+        scenes = np.flatnonzero((self.seeds == rows[variation % len(rows)]) & (self.lights == light))
         table = np.stack([values[scenes] for values in self.truth.values()], axis=-1)
         away = (states[:, None] - table) / np.maximum(np.ptp(table, axis=0), 1e-12)
-        index: Integers = scenes[np.argmin((away**2).sum(axis=-1), axis=1)].astype(np.int64)
-        return index
+        return np.asarray(scenes[np.argmin((away**2).sum(axis=-1), axis=1)])
 
     def content(self, index: int) -> bytes:
         """The file of the picture of a scene (WebP)."""

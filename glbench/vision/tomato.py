@@ -87,10 +87,10 @@ def row(leaf_area_index: float, fruits: Floats, variation: int) -> Row:
 def _developments(fruits: Floats, own: np.random.Generator) -> Floats:
     """Development of the fruits of a stem, the oldest first: about as many as the mean of the crop."""
     mean = float(fruits.sum()) / STEMS
-    if mean <= 0.0:
-        return np.zeros(0)
-    number = max(round(mean * (1.0 + 0.08 * own.normal()) + 0.5 * own.normal()), 0)
-    older = np.append(0.0, np.cumsum(fruits[::-1])) / fruits.sum()  # share of fruits that are older than each border of two stages
+    number = max(round(mean * (1.0 + 0.08 * own.normal()) + 0.5 * (mean > 0.0) * own.normal()), 0)
+    older = np.append(0.0, np.cumsum(fruits[::-1])) / max(
+        fruits.sum(), 1e-12
+    )  # share of fruits that are older than each border of two stages
     place = (np.arange(number) + own.random(number)) / max(number, 1)
     return 1.0 - np.interp(place, older, np.linspace(0.0, 1.0, len(older)))
 

@@ -265,7 +265,9 @@ def _rises(sums: record.FloatArray, seconds: outside.IntArray, step: int) -> rec
     gains, times = np.diff(sums[valid]), np.diff(seconds[valid])
     again = gains < 0
     with np.errstate(divide="ignore", invalid="ignore"):
-        rises[valid[1:]] = np.where(again, np.where(times > step, np.nan, sums[valid[1:]]), gains * np.minimum(step / times, 1.0))
+        means = np.where(again, np.where(times > step, np.nan, sums[valid[1:]]), gains * np.minimum(step / times, 1.0))
+    if valid.size:
+        rises[valid[0] + 1 : valid[-1] + 1] = np.repeat(means, np.diff(valid))
     return rises
 
 

@@ -73,7 +73,7 @@ def hourly_record(rows: record.Rows, origin: record.Origin, *, fill_gaps: int = 
     whole = record.assemble(replace(rows, columns=columns, timing=timing), origin, fill_gaps=fill_gaps)
     columns = {name: whole.values(name) for name in record.REQUIRED}
     temperature, humidity, radiation = (whole.values(name) for name in CLEARNESS_INPUTS)
-    columns["sky_infrared"] = sky_infrared(temperature, humidity, radiation, whole.begin, whole.place)
+    columns["sky_infrared"] = sky_infrared(temperature, np.maximum(humidity, 1.0), radiation, whole.begin, whole.place)
     ends: record.IntArray = whole.begin + record.SLOT_SECONDS * np.arange(1, whole.hours + 1, dtype=np.int64)
     rows = record.Rows(rows.file, ends, columns, timing, np.arange(whole.hours, dtype=np.int64))
     return record.assemble(rows, replace(origin, notes=(*whole.notes, *notes, SKY_ESTIMATED)))
@@ -135,8 +135,7 @@ def _averaged(rows: record.Rows, step: int) -> tuple[record.Rows, tuple[str, ...
     in_first = np.minimum(rows.slot_ends, (hour + first_hour + 1) * record.SLOT_SECONDS) - starts
     in_next = rows.slot_ends - starts - in_first  # a row is at most an hour long
     columns: dict[str, record.FloatArray] = {}
-    partial = 0
-    complete = np.ones(hours, dtype=bool)
+    complete, in_part = np.ones(hours, dtype=bool), np.zeros(hours, dtype=bool)
     for name, values in rows.columns.items():
         valid = ~np.isnan(values)
         total, coverage = np.zeros(hours), np.zeros(hours)
@@ -146,13 +145,12 @@ def _averaged(rows: record.Rows, step: int) -> tuple[record.Rows, tuple[str, ...
             np.add.at(coverage, index, weight)
         enough = coverage >= LOWEST_COVERAGE * record.SLOT_SECONDS
         columns[name] = np.where(enough, total / np.maximum(coverage, 1.0), np.nan)
-        partial = max(partial, int(np.count_nonzero(enough & (coverage < record.SLOT_SECONDS))))
+        in_part |= enough & (coverage < record.SLOT_SECONDS)
         if name in record.REQUIRED:
             complete &= coverage >= record.SLOT_SECONDS - 1
-    complete_hours = np.flatnonzero(complete)
-    if not complete_hours.size:
+    inside = slice(int(not complete[0]), hours - int(not complete[-1]))  # the first and the last hour of a file may be there in part
+    if inside.start >= inside.stop:
         refuse(f"{rows.file} covers no whole hour with all of {', '.join(record.REQUIRED)}. Export a longer period.", WeatherError)
-    inside = slice(int(complete_hours[0]), int(complete_hours[-1]) + 1)  # a beginning or end of which a part is missing is left out
     ends = (first_hour + np.arange(hours, dtype=np.int64) + 1)[inside] * record.SLOT_SECONDS
     numbers = rows.row_numbers[np.minimum(np.searchsorted(rows.slot_ends, ends), rows.slot_ends.size - 1)]
     what = (
@@ -161,7 +159,7 @@ def _averaged(rows: record.Rows, step: int) -> tuple[record.Rows, tuple[str, ...
         else "hours that do not begin with an hour of UTC averaged to those that do"
     )
     notes = [f"{what}; {ends.size:,} h"]
-    if partial:
-        notes.append(f"{partial:,} h are means of an hour with missing rows, of which at least half was there")
+    if in_part[inside].any():
+        notes.append(f"{np.count_nonzero(in_part[inside]):,} h are means of an hour with missing rows, of which at least half was there")
     columns = {name: values[inside] for name, values in columns.items()}
     return record.Rows(rows.file, ends, columns, dict.fromkeys(columns, "mean"), numbers), tuple(notes)

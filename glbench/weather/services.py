@@ -44,7 +44,8 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> rea
     table, facts = _pvgis_table(text, file)
     # stamps such as 20200101:0010
     title = reading.needed_title(table, "time(UTC)")
-    texts = [[re.sub(r"^(\d{8}):", r"\1 ", text)] for text in table.texts(title)]
+    day = r"2001\2 " if "G(h)" in table.titles else r"\1\2 "  # the months of a typical year are of several years, and none has 29 February
+    texts = [[re.sub(r"^(\d{4})(\d{4}):", day, text)] for text in table.texts(title)]
     stamps = read_stamps(TextTable(table.file, table.refusal, (), (title,), texts, table.lines), (title,)).seconds
     notes: list[str] = []
     tilted = [title for title in ("G(i)", "Gb(i)", "Gd(i)", "Gr(i)") if title in table.titles]

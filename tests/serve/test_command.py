@@ -63,7 +63,7 @@ def test_ctrl_c_closes_it_and_keeps_what_was_done(server: tuple[subprocess.Popen
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 0
-    assert f"Closed, with {before + 1} session{'s' if before else ''} open. Their episodes are in {folder}." in errors
+    assert f"Closed, with {before + 1} session{'s' if before else ''} open. Episodes of those with a step are in {folder}." in errors
     assert "Traceback" not in errors
     assert read_episode(folder / "Spring-v1-training-seed-10000000123-1.mcap").steps == 96
 

@@ -97,6 +97,16 @@ def test_a_running_sum_over_missing_rows_counts_no_energy_twice(tmp_path: Path) 
     np.testing.assert_allclose(running.values("global_radiation"), 100.0)
 
 
+def test_what_a_running_sum_gains_over_blank_fields_is_spread_over_them(tmp_path: Path) -> None:
+    radiation = np.array([0, 0, 0, 0, 50, 100, 200, 300, 400, 500, 600, 700])
+    sums = np.cumsum(radiation * 0.36)
+    rows = [f"2024-06-01 {hour:02d}:00,15,80,2,{'' if hour in (7, 8) else f'{sums[hour]:.2f}'}" for hour in range(12)]
+    path = export(tmp_path, "stamp (UTC),outside temp,outside rh,wind,radiation sum [J/cm2]", rows)
+    columns, _, _ = guess_column_map(path)
+    read = read_columns(path, columns, coordinates=(52.0, 5.0, 0.0)).values("global_radiation")
+    np.testing.assert_allclose(read, [0, 0, 0, 50, 100, 200, 400, 400, 400, 600, 700])
+
+
 def test_the_newest_row_may_be_on_top_also_when_the_clock_goes_back(tmp_path: Path) -> None:
     hours = [(31, hour) for hour in (0, 1, 2, 2, 3, *range(4, 24))]
     rows = [f"{day}-10-2010;{hour:02d}:00;{10 + i},5;80;2;0" for i, (day, hour) in enumerate(hours)]

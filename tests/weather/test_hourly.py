@@ -65,6 +65,25 @@ def test_an_hour_needs_half_of_its_rows(tmp_path: Path) -> None:
     assert SKY_ESTIMATED in gap.notes
 
 
+def test_only_the_first_and_last_hour_of_a_file_may_be_there_in_part(tmp_path: Path) -> None:
+    rows = [(15.0, 50.0, 2.0, 0.0)] * 60
+    lost = read_csv(table(tmp_path, 10, rows, "2024-06-01T10:20", skip=tuple(range(25, 60, 6))))  # one row of each hour in the later half
+    assert lost.period == "2024-06-01 11:00 to 2024-06-01 20:00 UTC"
+    assert any("6 h are means of an hour with missing rows" in note for note in lost.notes)
+    path = table(tmp_path, 10, rows)
+    path.write_text("".join(line.replace(",2.0,", ",,") if i >= 40 else line for i, line in enumerate(path.read_text().splitlines(True))))
+    with pytest.raises(WeatherError, match="no value for wind speed"):  # a sensor that fails is no shorter file
+        read_csv(path)
+    some = read_csv(table(tmp_path, 10, rows, "2024-06-01T10:20", skip=tuple(range(5, 60, 6))))
+    assert some.hours == 9, "half of an hour's rows will do, also in every hour"
+
+
+def test_a_humidity_sensor_that_fails_is_not_called_the_sky(tmp_path: Path) -> None:
+    record = read_csv(table(tmp_path, 60, [(10.0, 0.0, 2.0, 0.0)] * 3))
+    assert record.values("relative_humidity").tolist() == [0.0] * 3
+    assert (record.values("sky_infrared") > 100.0).all()
+
+
 def test_readings_of_sensors_are_set_to_their_limits_and_larger_ones_refused(tmp_path: Path) -> None:
     record = read_csv(table(tmp_path, 60, [(10.0, 103.0, 2.0, -4.0), (10.0, 99.0, 2.0, 0.0)]))
     assert record.values("global_radiation")[0] == 0.0

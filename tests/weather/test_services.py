@@ -236,12 +236,13 @@ PVGIS_PLACE = "Latitude (decimal degrees): 45.000\nLongitude (decimal degrees):\
 PVGIS_LEGEND = "\nT2m: 2-m air temperature (degree Celsius)\nRH: relative humidity (%)\n\nPVGIS (c) European Union, 2001-2025\n"
 
 
-def pvgis_typical(offset: str = "0.25") -> str:
+def pvgis_typical(offset: str = "0.25", march: int = 2007) -> str:
     years = "\n".join(f"{month},{2004 + month}" for month in range(1, 13))
     lines = [f"{PVGIS_PLACE}Irradiance Time Offset (h): {offset}\nmonth,year\n{years}"]
     lines.append("time(UTC),T2m,RH,G(h),Gb(n),Gd(h),IR(h),WS10m,WD10m,SP")
     for moment in moments(8760, 60, dt.datetime(2001, 1, 1)):
-        stamp = f"{moment.replace(year=2004 + moment.month if moment.month != 2 else 2007):%Y%m%d:%H%M}"
+        year = {2: 2007, 3: march}.get(moment.month, 2004 + moment.month)
+        stamp = f"{moment.replace(year=year):%Y%m%d:%H%M}"
         lines.append(f"{stamp},{moment.hour},80,{sun(moment)},0,0,300,2.0,180,99000")
     return "\n".join(lines) + "\n" + PVGIS_LEGEND
 
@@ -267,6 +268,13 @@ def test_a_typical_year_of_pvgis_is_whole_and_its_radiation_in_place(read: Calla
     assert read(pvgis_typical("0.6")).values("global_radiation")[6:10].tolist() == pytest.approx([0.0, 0.0, 360.0, 400.0])
     assert record.values("sky_infrared")[0] == 300.0
     assert read(pvgis_typical(), timezone="Europe/Rome", year=2013).first.year == 2013
+
+
+def test_a_typical_year_of_pvgis_may_have_the_march_of_a_leap_year(read: Callable[..., WeatherRecord]) -> None:
+    usual, leap = read(pvgis_typical()), read(pvgis_typical(march=2008))
+    assert leap.hours == 8760
+    for name in ("air_temperature", "global_radiation", "sky_infrared"):
+        np.testing.assert_array_equal(leap.values(name), usual.values(name))
 
 
 def test_a_typical_year_of_pvgis_in_json_is_the_same(read: Callable[..., WeatherRecord]) -> None:
