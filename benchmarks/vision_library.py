@@ -53,7 +53,7 @@ class Scenes:
 
 
 def train(crop: str, pictures: NDArray[np.uint8], truth: dict[str, NDArray[np.float64]], epochs: int) -> Encoder:
-    """Train on pictures of which is known what is estimated; mirrored, turned if from above, of varied brightness, contrast and colour."""
+    """Train on pictures with known truth; mirrored, turned (lettuce) or moved along the row, of varied brightness, contrast and colour."""
     import torch
     from torch import nn
 
@@ -85,6 +85,8 @@ def train(crop: str, pictures: NDArray[np.uint8], truth: dict[str, NDArray[np.fl
             batch = x[rows]
             if crop == "lettuce":
                 batch = torch.rot90(batch, int(torch.randint(4, ())), (2, 3))
+            else:
+                batch = torch.roll(batch, int(torch.randint(x.shape[3], ())), 3)
             batch = batch.flip(3) if torch.rand(()) < 0.5 else batch
             gain = 1.0 + 0.15 * torch.randn(len(rows), 1, 1, 1) + 0.08 * torch.randn(len(rows), 3, 1, 1)
             batch = batch * gain + 0.06 * torch.randn(len(rows), 1, 1, 1) + 0.03 * torch.randn(len(rows), 3, 1, 1)

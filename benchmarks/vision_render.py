@@ -251,7 +251,7 @@ def tomato_states() -> list[tuple[int, float, NDArray[np.float64]]]:
     """Variation, leaf area index and fruits by stage of each scene.
 
     First rows of their own, for the encoder, spread evenly over what a crop can be; then ``ROWS`` rows that are shown, each in ``STATES``
-    states of a season: leaves grow, fruits follow, and from ripe trusses on the ripe fruits of a day are few or many.
+    states of a season: leaves grow, fruits follow; from ripe trusses on, ripe fruits are few or many, and leaves become fewer.
     """
     states = []
     for number, (leaf, oldest, full, ripe) in enumerate(qmc.Halton(4, scramble=False).random(OWN_ROWS + 1)[1:]):
@@ -262,7 +262,7 @@ def tomato_states() -> list[tuple[int, float, NDArray[np.float64]]]:
             moment = place / (STATES - 1)
             oldest = float(np.clip((moment - 0.12) / 0.45, 0.0, 1.0))
             ripe_fruits = PICKED[place % len(PICKED)] if oldest >= 1.0 else 0.0
-            index = 0.35 + (1.9 + 1.8 * leaf) * float(smooth(moment, 0.0, 0.5))
+            index = (0.35 + (1.9 + 1.8 * leaf) * float(smooth(moment, 0.0, 0.5))) * (1.0 - 0.3 * float(smooth(moment, 0.6, 1.0)))
             states.append((OWN_ROWS + number, index, fruits_of(oldest, 70.0 + 70.0 * full, ripe_fruits)))
     return states
 

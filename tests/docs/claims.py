@@ -181,9 +181,9 @@ def mean_of_ten_heads() -> tuple[float, float]:
 
 
 @cache
-def pictures() -> Library:
-    """The library of lettuce."""
-    return Library.open("lettuce")
+def pictures(crop: str = "lettuce") -> Library:
+    """The library of a crop."""
+    return Library.open(crop)
 
 
 @cache
@@ -748,6 +748,12 @@ def less_by_step(on: str) -> tuple[float, float, float]:
     return -effect["value"], -effect["high"], -effect["low"]
 
 
+def effect_of(factor: str, on: str) -> tuple[float, float, float]:
+    """What an agent or a difference gains at the other level of a factor [EUR m-2], with its interval."""
+    (effect,) = (one for one in played_factors()["effects"] if one["on"] == on and one["effect"].startswith(f"{factor}: "))
+    return effect["value"], effect["low"], effect["high"]
+
+
 def speeds_of_learning(baseline: str, page: str) -> float:
     """Environment steps a second while a baseline learnt, by the card of its training [thousand]."""
     card = tomllib.loads((ROOT / "baselines" / baseline / "training" / page).read_text(encoding="utf-8"))
@@ -773,6 +779,20 @@ CLAIMS: dict[str, list[Claim]] = {
             "PPO leads the rules by {} in the centre and {} with draws",
             lambda: tuple(in_cell(one, "ppo - rules")[0] for one in ("centre", "draw-step")),
         ),
+        (
+            "The rules then earn {} ({} to {}) more, PPO without memory {} ({} to {}) more, and predictive control {} ({} to {}) more. "
+            "PPO is behind the rules by {},",
+            lambda: (
+                *(value for agent in ("rules", "ppo", "mpc") for value in effect_of("sensors", agent)),
+                -in_cell("sensors-true", "ppo - rules")[0],
+            ),
+        ),
+        (
+            "leads the rules by {} ({} to {}), and its lead has lost {} ({} to {})",
+            lambda: (*in_cell("sensors-true", "mpc - rules"), *(-effect_of("sensors", "mpc - rules")[place] for place in (0, 2, 1))),
+        ),
+        ("and predictive control leads them by {}.", lambda: in_cell("sensors-true", "mpc - rules")[0]),
+        ("further ahead of the rules, by {} ({} to {})", lambda: effect_of("house", "mpc - rules")),
         ("Rules and policies then earn {} more", lambda: -less_by_step("rules")[0]),
         ("earns no more ({}, from {} to {})", lambda: tuple(-less_by_step("mpc")[place] for place in (0, 2, 1))),
         (
@@ -1265,6 +1285,10 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("R² is {}\nover all masses", lambda: vision_table.determination(pictures(), ~pictures().plants("encoder"))),
         ("trained on it is off by {} %", lambda: 100.0 * vision_table.rms(vision_table.errors(pictures(), pictures().plants("encoder")))),
+        (
+            "leaf area index from {} to {}, up to {} fruits and {} ripe ones a square metre",
+            lambda: (pictures("tomato").truth["leaf_area_index"].min(), *(value.max() for value in pictures("tomato").truth.values())),
+        ),
     ],
     "docs/crop.md": [
         ("A fruit passes {} stages from set to ripe", lambda: STAGES),
@@ -1398,6 +1422,10 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "PPO without memory (from {} to {} EUR/m², test split)",
             lambda: tuple(in_cell(one, "mpc - ppo")[0] for one in ("centre", "draw-step")),
+        ),
+        (
+            "With true sensors, the rules earn {} EUR/m² more, and PPO no longer leads them; predictive control still does, by {}.",
+            lambda: (effect_of("sensors", "rules")[0], in_cell("sensors-true", "mpc - rules")[0]),
         ),
         ("in the {} runs of its test split", lambda: HEADLINE.evaluation.runs),
         ("It earns {} EUR/m² ({} to {}) more than the rules tuned", lambda: more_on_test("mpc_greenhouse", "rule_based_greenhouse")),
@@ -1642,6 +1670,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("vary by 10 %", "definition: VARIATION_OF_HEADS"),
         ("by 4 % in width, 5 % in the width of the heart, 6 % in the width", "definition: Habit.of in glbench/vision/lettuce.py"),
         ("takes about half an hour on one core: 1.2 s for each of 1,476 beds", "printed by benchmarks/vision_render.py"),
+        ("2.45 m in front of the middle of a double row of 2.5 stems", "definition: BESIDE in benchmarks/vision_render.py, STEMS"),
+        ("varies by 8 %", "definition: glbench/vision/tomato.py"),
+        ("2.9 s for each of 600 scenes", "printed by benchmarks/vision_render.py"),
         ("ten heads, off by 6 %", "definition: tasks/lettuceharvest-v1.toml"),
         ("over all masses, against 6 %", "definition: tasks/lettuceharvest-v1.toml"),
         ("above 200 g, because", "the table above it"),

@@ -11,8 +11,11 @@ import pytest
 from docs import vision_table
 from glbench import resources
 from glbench.arrays import packed
+from glbench.episodes.rerun_recording import RunSet, Trajectory
+from glbench.episodes.signals import signals_of
 from glbench.errors import GlbenchError
 from glbench.resources import data_folder
+from glbench.tasks import get_task
 from glbench.vision import Encoder, Library
 from glbench.vision.library import ROLES
 from tests.house.test_resources import install_data, wheel  # noqa: F401
@@ -104,3 +107,47 @@ def test_a_wheel_alone_says_what_to_install(wheel: Path, monkeypatch: pytest.Mon
 def test_the_page_holds_what_the_library_says(library: Library) -> None:
     page = vision_table.PAGE.read_text(encoding="utf-8")
     assert vision_table.filled(page, library, Library.open("tomato")) == page
+
+
+def test_the_nearest_state_of_one_row_is_shown() -> None:
+    tomato = Library.open("tomato")
+    mine = np.flatnonzero(
+        tomato.plants("test") & (tomato.lights == 1) & (tomato.seeds == np.unique(tomato.seeds[tomato.plants("test")])[3])
+    )
+    states = np.stack([values[mine] for values in tomato.truth.values()], axis=-1)
+    assert states.shape == (25, 3)
+    assert np.array_equal(tomato.nearest(states, 3), mine)
+    assert np.array_equal(tomato.nearest(states + 1e-3, 11), mine), "there are eight rows"
+    far = tomato.nearest(np.array([[9.0, 900.0, 90.0], [0.0, 0.0, 0.0]]), 3)
+    assert tomato.truth["leaf_area_index"][far[0]] > 2.0
+    assert tomato.truth["fruits"][far[1]] == 0.0
+    assert tomato.image(int(far[0])).shape == (192, 96, 3)
+
+
+def test_ripe_fruit_is_seen_in_rows_that_the_encoder_has_not_seen() -> None:
+    tomato = Library.open("tomato")
+    rows, place = tomato.plants("test"), 2
+    off, true = tomato.estimates[rows, place] - tomato.truth["ripe"][rows], tomato.truth["ripe"][rows]
+    assert 1.0 - np.mean(off**2) / np.var(true) > 0.7
+
+
+def test_the_viewer_shows_the_row_of_noon() -> None:
+    task, hours = get_task("glbench/GreenhouseReal-v1"), np.tile(np.arange(24.0), 3)
+    signals = signals_of(task)
+    columns = {name: np.zeros(72) for name in (*signals.needed, signals.clock, "cLeaf", "fruits", "nRipe")}
+    columns |= {signals.clock: hours, "cLeaf": np.linspace(2e4, 1.3e5, 72), "fruits": np.linspace(0.0, 90.0, 72), "nRipe": np.zeros(72)}
+    times = np.datetime64("2010-03-01T00", "ns") + np.arange(73) * np.timedelta64(1, "h")
+
+    def pictures(**changes: np.ndarray) -> tuple[Library, np.ndarray] | None:
+        trajectory = Trajectory("a", 10_003, times, columns | changes)
+        return RunSet(task, (trajectory,), ("a",), signals).pictures(trajectory)
+
+    made = pictures()
+    assert made is not None
+    library, scenes = made
+    assert np.flatnonzero(np.diff(scenes)).tolist() == [11, 35, 59], "a new picture at each noon"
+    states = np.stack([2.66e-5 * columns["cLeaf"], columns["fruits"], columns["nRipe"]], axis=-1)
+    assert np.array_equal(scenes[[0, 12, 36, 60]], library.nearest(states[[0, 12, 36, 60]], 10_003))
+    assert len(np.unique(library.seeds[scenes])) == 1, "the same plants all the time"
+    del columns["nRipe"]
+    assert pictures() is None
