@@ -88,9 +88,7 @@ def _developments(fruits: Floats, own: np.random.Generator) -> Floats:
     """Development of the fruits of a stem, the oldest first: about as many as the mean of the crop."""
     mean = float(fruits.sum()) / STEMS
     number = max(round(mean * (1.0 + 0.08 * own.normal()) + 0.5 * (mean > 0.0) * own.normal()), 0)
-    older = np.append(0.0, np.cumsum(fruits[::-1])) / max(
-        fruits.sum(), 1e-12
-    )  # share of fruits that are older than each border of two stages
+    older = np.append(0.0, np.cumsum(fruits[::-1])) / max(fruits.sum(), 1e-12)  # share of fruits older than each border of stages
     place = (np.arange(number) + own.random(number)) / max(number, 1)
     return 1.0 - np.interp(place, older, np.linspace(0.0, 1.0, len(older)))
 
@@ -102,19 +100,13 @@ def _leaves(tip: Floats, number: int, slender: float, pale: float, own: np.rando
     size = 0.45 * (0.15 + 0.85 * smooth(rank, 0.0, 8.0)) * (1.0 + 0.07 * noise[:, :1])  # length of a leaf [m]
     turn = rank * GOLDEN_ANGLE + 6.0 * noise[:1, 1:2] + 0.2 * noise[:, 1:2]
     along = np.linspace(0.0, 1.0, 21)[None, :]
-    slope = np.radians(
-        55.0 - 35.0 * smooth(rank, 0.0, 9.0) + 6.0 * noise[:, 2:3] - (62.0 + 12.0 * noise[:, 3:4]) * along**1.2
-    )  # of the stalk
+    rise = 55.0 - 35.0 * smooth(rank, 0.0, 9.0) + 6.0 * noise[:, 2:3]
+    slope = np.radians(rise - (62.0 + 12.0 * noise[:, 3:4]) * along**1.2)  # of the stalk
     reach, lift = (np.cumsum(size / 20.0 * side, axis=1) for side in (np.cos(slope), np.sin(slope)))
     at = np.rint(20.0 * _LEAFLETS[:, 0]).astype(int)
-    outwards, sideways = (
-        np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1),
-        np.stack([-np.sin(turn), np.cos(turn), 0.0 * turn], axis=-1),
-    )
-    base, angle = (
-        outwards * reach[:, at, None] + _UP * lift[:, at, None],
-        slope[:, at, None],
-    )  # (leaves, leaflets, 3), (leaves, leaflets, 1)
+    outwards = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
+    sideways = np.stack([-np.sin(turn), np.cos(turn), 0.0 * turn], axis=-1)
+    base, angle = outwards * reach[:, at, None] + _UP * lift[:, at, None], slope[:, at, None]  # (leaves, leaflets, 3 and 1)
     tangent, normal = np.cos(angle) * outwards + np.sin(angle) * _UP, np.cos(angle) * _UP - np.sin(angle) * outwards
     spread = np.radians(62.0 + 8.0 * noise[:, 5 : 5 + leaflets, None]) * _LEAFLETS[:, 1:2]
     ahead, across = np.cos(spread) * tangent + np.sin(spread) * sideways, np.cos(spread) * sideways - np.sin(spread) * tangent
