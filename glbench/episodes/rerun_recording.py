@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from glbench.arrays import Floats
 from glbench.episodes.episode import ACTING, Episode, weeks_of
-from glbench.episodes.signals import SCENE, Curve, Page, Signals, signals_of
+from glbench.episodes.signals import ROW, SCENE, Curve, Page, Signals, signals_of
 from glbench.errors import GlbenchError, refuse
 from glbench.extras import missing
 from glbench.quantities import MONEY, in_sentence, pretty_unit, raised_unit
@@ -36,7 +36,7 @@ TIME = "time"
 LOCAL_TIME = "local_time"  # The greenhouse's clock, a time line of its own beside UTC
 STEP = "step"
 _PICTURES = "pictures"
-_NOON, _ROW = 12.0, ("cLeaf", "fruits", "nRipe")  # When the row of tomatoes is drawn anew, and from which columns
+_NOON = 12.0  # Hour at which the picture of a row of tomatoes changes
 _LINE_WIDTH = 1.6
 _MARGIN = 0.04
 _LIVE_MARGIN = 0.35  # Room above and below limits and curves, as a share of their range; more where the curves are still to come
@@ -142,9 +142,9 @@ class RunSet:
         columns, clock = trajectory.columns, self.signals.clock
         if self.task.picture_library is not None and SCENE in columns:
             return self.task.picture_library, columns[SCENE].astype(np.int64)
-        if not {*_ROW, clock} <= {*columns} or lacks_pictures() or missing("PIL"):
+        if not {*ROW, clock} <= {*columns} or lacks_pictures() or missing("PIL"):
             return None
-        leaves, fruits, ripe = (columns[name] for name in _ROW)
+        leaves, fruits, ripe = (columns[name] for name in ROW)
         states = np.stack([self.task.parameters_by_name()["sla"] * leaves, fruits, ripe], axis=-1)
         hours, library = columns[clock], Library.open("tomato")
         changes = np.append(0, np.flatnonzero((hours[1:] >= _NOON) & (hours[:-1] < _NOON)) + 1)[: len(hours)]
