@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from glbench.arrays import Floats
 from glbench.episodes.episode import ACTING, Episode, weeks_of
-from glbench.episodes.signals import ROW, SCENE, Curve, Page, Signals, signals_of
+from glbench.episodes.signals import SCENE, Curve, Page, Signals, signals_of
 from glbench.errors import GlbenchError, refuse
 from glbench.extras import missing
+from glbench.model.appearance import row_of
 from glbench.quantities import MONEY, in_sentence, pretty_unit, raised_unit
 from glbench.resources import lacks_pictures, write_atomically
 from glbench.tasks import TaskSpec, task_card
@@ -134,19 +135,17 @@ class RunSet:
         return curve.shared and all(trajectory.began is None for trajectory in self.trajectories)
 
     def pictures(self, trajectory: Trajectory) -> tuple[Library, NDArray[np.int64]] | None:
-        """A library, and its scene at the end of each step of a trajectory ``(steps,)``.
+        """A library and its scene at the end of each step ``(steps,)``: what a camera saw, or the row of tomatoes nearest at noon.
 
-        Either what a camera saw, or of a crop of trusses the row of tomatoes that is nearest in leaf area (of nominal leaves) and fruits at
-        noon, whose plants the seed chooses. ``None`` for other crops, and where the library or the package pillow is not installed.
+        The seed chooses the plants of the row. ``None`` for other crops, and where the library or the package pillow is not installed.
         """
         columns, clock = trajectory.columns, self.signals.clock
         if self.task.picture_library is not None and SCENE in columns:
             return self.task.picture_library, columns[SCENE].astype(np.int64)
-        if not {*ROW, clock} <= {*columns} or lacks_pictures() or missing("PIL"):
+        row = row_of(columns, self.task.parameters_by_name())
+        if row is None or clock not in columns or lacks_pictures() or missing("PIL"):
             return None
-        leaves, fruits, ripe = (columns[name] for name in ROW)
-        states = np.stack([self.task.parameters_by_name()["sla"] * leaves, fruits, ripe], axis=-1)
-        hours, library = columns[clock], Library.open("tomato")
+        states, hours, library = np.stack(row, axis=-1), columns[clock], Library.open("tomato")
         changes = np.append(0, np.flatnonzero((hours[1:] >= _NOON) & (hours[:-1] < _NOON)) + 1)[: len(hours)]
         return library, np.repeat(library.nearest(states[changes], trajectory.seed), np.diff(np.append(changes, len(hours))))
 

@@ -44,8 +44,6 @@ TOPICS: dict[Moment, str] = {"start": "/inputs", "end": "/outcome"}
 """Topics of a record: what acts during a step, and the result at its end."""
 MESSAGES = {"/inputs": "Inputs", "/outcome": "Outcome"}  # Message type of each topic
 ACTION = "action"  # Group of what the agent answered
-ROW = ("cLeaf", "fruits", "nRipe")
-"""Columns of a crop of trusses that a row is drawn from: carbohydrate of the leaves [mg m-2], fruits on the plants and ripe ones [m-2]."""
 SCENE = "scene"  # Column that says which picture of the crop is shown
 _PARTS = {ACTION: ("agent_action", "AgentAction"), "state": ("model_state", "ModelState")}
 """Part and message type of the groups that are not called like them."""

@@ -66,9 +66,8 @@ def smooth(x: Any, low: float, high: float) -> Any:
 def tubes(ends: Floats, radius: float, colour: Sequence[float]) -> Mesh:
     """Straight tubes of four sides between two points each [m], shape (n, 2, 3)."""
     axis = ends[:, 1] - ends[:, 0]
-    one = np.cross(
-        axis, np.where(np.abs(axis[:, 2:]) < 0.9 * np.linalg.norm(axis, axis=1, keepdims=True), [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
-    )
+    is_flat = np.abs(axis[:, 2:]) < 0.9 * np.linalg.norm(axis, axis=1, keepdims=True)
+    one = np.cross(axis, np.where(is_flat, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
     other, turn = np.cross(axis, one), np.linspace(0.0, 2.0 * np.pi, 5)[None, :, None]
     one, other = (side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12) for side in (one, other))
     points = ends[:, :, None] + radius * (np.cos(turn) * one[:, None] + np.sin(turn) * other[:, None])[:, None]

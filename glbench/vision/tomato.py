@@ -80,8 +80,7 @@ def row(leaf_area_index: float, fruits: Floats, variation: int) -> Row:
         counts.append((len(development), int((development >= RIPE).sum())))
     scale = (leaf_area_index * LENGTH * PITCH / sum(mesh.area for mesh, _ in leaves)) ** 0.5
     grown = [Mesh(knots + scale * (mesh.vertices - knots), mesh.triangles, mesh.colours) for mesh, knots in leaves]
-    all_fruits, ripe = np.array(counts, dtype=np.int64).T
-    return Row(joined(grown), joined(stems), joined(globes), all_fruits, ripe)
+    return Row(joined(grown), joined(stems), joined(globes), *np.array(counts, dtype=np.int64).T)
 
 
 def _developments(fruits: Floats, own: np.random.Generator) -> Floats:
@@ -89,8 +88,7 @@ def _developments(fruits: Floats, own: np.random.Generator) -> Floats:
     mean = float(fruits.sum()) / STEMS
     number = max(round(mean * (1.0 + 0.08 * own.normal()) + 0.5 * (mean > 0.0) * own.normal()), 0)
     older = np.append(0.0, np.cumsum(fruits[::-1])) / max(fruits.sum(), 1e-12)  # share of fruits older than each border of stages
-    place = (np.arange(number) + own.random(number)) / max(number, 1)
-    return 1.0 - np.interp(place, older, np.linspace(0.0, 1.0, len(older)))
+    return 1.0 - np.interp((np.arange(number) + own.random(number)) / max(number, 1), older, np.linspace(0.0, 1.0, len(older)))
 
 
 def _leaves(tip: Floats, number: int, slender: float, pale: float, own: np.random.Generator) -> tuple[Mesh, Floats]:
