@@ -21,7 +21,7 @@ from glbench.episodes.episode import ACTING, Episode, weeks_of
 from glbench.episodes.signals import SCENE, Curve, Page, Signals, signals_of
 from glbench.errors import GlbenchError, refuse
 from glbench.extras import missing
-from glbench.model.appearance import row_of
+from glbench.model.crop.trusses import row_of
 from glbench.quantities import MONEY, in_sentence, pretty_unit, raised_unit
 from glbench.resources import lacks_pictures, write_atomically
 from glbench.tasks import TaskSpec, task_card

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
+from glbench.arrays import Floats
 from glbench.model.balances import DAY
 from glbench.model.bounds import COLDEST, HOTTEST, Horizon
 from glbench.model.crop.allocation import Allocation, allocation
@@ -437,3 +438,10 @@ def _mature(air_temperature: float, p: Any) -> Any:
 def _young(air_temperature: float, p: Any) -> Any:
     before = VanthoorTomato().starts()["young_crop"](air_temperature, p)
     return _start(air_temperature, p, before.c_leaf, before.c_stem, -BEFORE_FLOWERING, 0.0, [0.0] * STAGES)
+
+
+def row_of(columns: Mapping[str, Floats], parameters: Mapping[str, float]) -> tuple[Floats, Floats, Floats] | None:
+    """Leaf area index [m2 m-2], fruits on the plants and ripe ones [m-2] by the columns of a record; None without a crop of trusses."""
+    if not {"cLeaf", "fruits", "nRipe"} <= columns.keys():
+        return None
+    return parameters["sla"] * columns["cLeaf"], columns["fruits"], columns["nRipe"]
