@@ -16,7 +16,7 @@ from typing import Any
 
 FOLDERS = {"baselines": "baselines", "reports/released/results": "reports/released/results", "images": "glbench-data/images"}
 """Names of the data folders, and where they are in a checkout."""
-LARGEST_POLICY = 90 * 1024
+LARGEST_POLICY = 30 * 1024
 """Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
 ELSEWHERE = ("reports/released/results/Transfer-*", "reports/released/results/Schiphol2010Code-*")
 BESIDE = ("*.profile.json.gz", *ELSEWHERE, "images/*")

@@ -146,7 +146,7 @@ class Search:
 
     def save_card(self) -> None:
         """Write the card with which the folder of plans can be evaluated as an agent that sees everything; errors as of ``save_card``."""
-        about = f"Plans optimised from the actions of {self.start.agent.name}, with {self.iterations} iterations each."
+        about = "Plans optimised with perfect information; each file says from which agent's actions, and in how many iterations."
         save_card(self.folder, f"Plans for {self.task.id}", about)
 
     def jobs(self, progress: Callable[[Progress], None] | None = None) -> list[PlanJob]:

@@ -45,7 +45,7 @@ def view(
     picture: Annotated[Path | None, typer.Option("--picture", help="Save a picture (.png) of the overview and open nothing.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in the browser instead of a window.")] = False,
     port: Annotated[
-        int | None, typer.Option("--port", min=1, max=65534, help="Port of the page (its data come from the next). Default: any free.")
+        int | None, typer.Option("--port", min=1, max=65534, help="Port of the page (its data come from the next); implies --web.")
     ] = None,
 ) -> None:
     """Show what happened in recorded runs: climate within its limits, crop, controls, weather, money and violations.
@@ -56,6 +56,7 @@ def view(
     from glbench.episodes.rerun_recording import provenance_words, save_recording, shown_of
 
     rerun_viewer.viewer_program()
+    web = web or port is not None
     if not (web or save or picture):
         rerun_viewer.require_screen()
     if run not in {"best", "worst", "median"} and not run.isdecimal():

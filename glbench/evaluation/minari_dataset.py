@@ -225,8 +225,8 @@ def write_dataset(
     seasons: list[Season] = []
     temporary: Path | None = None
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=folder.parent))
+        there = next(parent for parent in folder.parents if parent.is_dir())
+        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=there))
         storage = _new_storage(temporary / "data", dataset_id, task, agents, noise, about or {})
         for place, agent in enumerate(agents):
             first = first_seed + place * runs
@@ -235,6 +235,7 @@ def write_dataset(
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o777 & ~umask)
+        folder.parent.mkdir(parents=True, exist_ok=True)
         temporary.rename(folder)
     except OSError as error:
         msg = f"Cannot write {folder}: {error.strerror or error}. Set MINARI_DATASETS_PATH to a folder that you may write to."

@@ -175,7 +175,8 @@ def read_csv(
     }
     entries, time = _documented_columns(table)
     timing = dict(record.USUAL_TIMING)
-    keys = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in record.QUANTITIES))
+    notes = tuple(comments.pop(key) for key in list(comments) if key.startswith("note "))
+    keys = (*REQUIRED_KEYS, *TEXT_KEYS, "typical year", *(f"timing {quantity}" for quantity in record.QUANTITIES))
     for key, value in comments.items():
         if key not in keys:
             table.refuse(f"unknown comment '# {visible(key)}: ...'.{did_you_mean(key, keys)} Leave other remarks without a colon.")
@@ -183,6 +184,9 @@ def read_csv(
             if value not in get_args(record.Timing):
                 table.refuse(f"'# {visible(key)}: {visible(value)}' must be instant (at the slot's end) or mean (over the slot).")
             timing[key.removeprefix("timing ")] = cast(record.Timing, value)
+    typical = comments.pop("typical year", "no")
+    if typical not in ("yes", "no"):
+        table.refuse(f"'# typical year: {visible(typical)}' must be yes (its months come from different years) or no.")
     if timing["global_radiation"] != "mean":
         table.refuse("global radiation must be a mean (or sum) over the slot; an instant does not tell the hour's energy.")
     needed = (*(REQUIRED_KEYS[:3] if coordinates is None else ()), *(REQUIRED_KEYS[3:] if timezone is None else ()))
@@ -198,9 +202,8 @@ def read_csv(
         coordinates = cast(record.Coordinates, tuple(numbers.values()))
     place = record.Place(comments.get("station", name or path.stem.lower()), *coordinates, timezone or comments["timezone"])
     columns = ColumnMap(time=(time,), stamps=TIME_COLUMNS[time], columns=entries)
-    origin = record.Origin(
-        name or path.stem.lower(), place, comments.get("source", f"file {path.name}"), comments.get("licence", "Not stated in the file.")
-    )
+    source, licence = comments.get("source", f"file {path.name}"), comments.get("licence", "Not stated in the file.")
+    origin = record.Origin(name or path.stem.lower(), place, source, licence, typical == "yes", notes)
     return _record_of(table, columns, origin, timing, fill_gaps)
 
 

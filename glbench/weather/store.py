@@ -116,7 +116,7 @@ def write_record(record: WeatherRecord, path: Path) -> None:
 
 
 def write_csv(record: WeatherRecord, path: Path) -> None:
-    """Write ``record`` as a CSV in the documented form, whole or not at all; ``read_weather`` makes the same values of it."""
+    """Write ``record`` as a CSV in the documented form, whole or not at all; ``read_weather`` makes the same record of it."""
     ends = (record.begin + SLOT_SECONDS * np.arange(1, record.hours + 1, dtype=np.int64)).astype("datetime64[s]")
     # The fewest digits that give the whole number of thousandths (of radiation: J m-2 in the hour) again.
     columns = [[repr(value) for value in record.values(name).tolist()] for name in record.counts]
@@ -130,6 +130,8 @@ def write_csv(record: WeatherRecord, path: Path) -> None:
         "source": record.source,
         "licence": record.licence,
         **{f"timing {name}": timing for name, timing in record.timing.items()},
+        **({"typical year": "yes"} if record.typical_year else {}),
+        **{f"note {number}": note for number, note in enumerate(record.notes, 1)},
     }
     titles = ["slot_end [UTC]", *(f"{name} [{QUANTITIES[name].unit}]" for name in record.counts)]
     lines = [f"# {key}: {' '.join(value.split())}" for key, value in comments.items()]

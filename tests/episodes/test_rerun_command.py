@@ -115,9 +115,10 @@ def test_a_live_evaluation_streams_its_first_run_and_earns_the_same(runs: Runs, 
     assert curves["/money/reward/rule_based"].values[-1] == result.runs[0].metrics["reward"]
 
 
+@pytest.mark.parametrize("option", [("--web",), ("--port", "19377")])
 def test_the_page_is_announced_with_an_address_of_this_machine(
-    runs: Runs, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    option: tuple[str, ...], runs: Runs, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("glbench.cli.view._wait", lambda: None)  # as if Ctrl-C had been pressed at once
-    assert glbench("view", runs.rule_based, "--web") == 0
-    assert "Open http://127.0.0.1:" in capsys.readouterr().err.replace("\n", "")
+    assert glbench("view", runs.rule_based, *option) == 0
+    assert f"Open http://127.0.0.1:{option[-1] if len(option) > 1 else ''}" in capsys.readouterr().err.replace("\n", "")

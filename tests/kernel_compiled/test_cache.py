@@ -57,6 +57,18 @@ def test_a_library_is_built_once(empty_cache: Path, quick_compiler: Path) -> Non
     assert not [file for file in empty_cache.iterdir() if file.is_dir()], "temporary folders stay behind"
 
 
+def test_what_a_killed_compilation_left_goes_with_the_next(empty_cache: Path, quick_compiler: Path) -> None:
+    CompiledStepper(TOMATO, 900.0)
+    (record,) = empty_cache.glob("*.json")
+    left = empty_cache / f".{record.stem}.abcdefgh"
+    left.mkdir()
+    (left / "model.hpp").write_text("half a mo", encoding="utf-8")
+    record.unlink()
+    CompiledStepper(TOMATO, 900.0)
+    assert compilations(quick_compiler) == 2
+    assert not left.exists()
+
+
 def test_a_broken_library_is_built_again_beside_the_old(empty_cache: Path, quick_compiler: Path) -> None:
     CompiledStepper(TOMATO, 900.0)
     (library,) = empty_cache.glob("*.so")

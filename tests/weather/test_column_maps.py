@@ -252,6 +252,18 @@ def test_the_commands_of_a_column_map_and_the_export(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.parametrize("name", ["miami", "schiphol"])
-def test_an_exported_record_is_read_again_with_its_digest(tmp_path: Path, name: str) -> None:
-    write_csv(load_weather(name), tmp_path / "exported.csv")
-    assert read_weather(tmp_path / "exported.csv").digest == load_weather(name).digest
+def test_an_exported_record_is_read_again_with_its_digest_notes_and_mark_of_a_typical_year(tmp_path: Path, name: str) -> None:
+    record = load_weather(name)
+    write_csv(record, tmp_path / "exported.csv")
+    again = read_weather(tmp_path / "exported.csv")
+    assert (again.digest, again.notes, again.typical_year) == (record.digest, record.notes, record.typical_year)
+    assert record.typical_year == (name == "miami")
+    assert record.notes or name == "schiphol"
+
+
+def test_the_mark_of_a_typical_year_is_yes_or_no(tmp_path: Path) -> None:
+    write_csv(load_weather("miami"), tmp_path / "miami.csv")
+    text = (tmp_path / "miami.csv").read_text(encoding="utf-8")
+    (tmp_path / "miami.csv").write_text(text.replace("# typical year: yes", "# typical year: maybe"), encoding="utf-8")
+    with pytest.raises(WeatherError, match=r"'# typical year: maybe' must be yes .* or no"):
+        read_weather(tmp_path / "miami.csv")

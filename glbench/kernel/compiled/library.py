@@ -18,6 +18,7 @@ import json
 import os
 import platform
 import re
+import shutil
 import sys
 import tempfile
 import time
@@ -243,6 +244,8 @@ def write_source(folder: Path, model: Model, traits: Traits, *, sensitivities: b
 def _build(folder: Path, name: str, model: Model, traits: Traits, flags: tuple[str, ...], *, sensitivities: bool) -> Build:
     started = time.perf_counter()
     compiler = find_compiler()
+    for killed in folder.glob(f".{name}.*"):  # nobody else builds it: the caller has the lock
+        shutil.rmtree(killed, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as temporary:
         work = Path(temporary)
         source, include = write_source(work, model, traits, sensitivities=sensitivities)
