@@ -126,16 +126,8 @@ class RuleInputs:
     """Day of the year [day], 0 at 1 January 00:00."""
 
 
-def proportional(value: Floats, set_point: Floats | float, band: float, low: float, high: float) -> Floats:
-    """Smooth proportional action from ``low`` to ``high`` while ``value`` goes from ``set_point`` to ``set_point + band``.
-
-    ``low + (high - low) / (1 + exp(-2/band * ln(100) * (value - set_point - band/2)))``: 1 % of the way at the set point, 99 % at
-    the end of the band. A negative band acts downward.
-    """
-    return _action(value - set_point, 2.0 / band * _LOG_100, band / 2.0, low, high - low)
-
-
-def _action(above: Floats, steepness: Any, half_band: Any, low: Any, span: Any) -> Floats:
+def smooth_action(above: Floats, steepness: Any, half_band: Any, low: Any, span: Any) -> Floats:
+    """Action with a sigmoid of ``above``, how far a value is from its set point: 1 % of ``span`` at 0, 99 % at the end of the band."""
     z = steepness * (above - half_band)
     # exp only ever sees numbers that are not positive, so no distance from the set point overflows.
     decay = np.exp(-np.abs(z))
@@ -205,7 +197,7 @@ class Rules:
         np.subtract(humidity, s.humidity_limit + s.screen_humidity_offset, out=above[7])
         np.subtract(air, too_warm + s.lamp_extra_heat, out=above[8])
         np.subtract(humidity, s.humidity_limit + s.blackout_extra_humidity, out=above[9])
-        shares = _action(above, self._steepness, self._half_band, self._low, self._span)
+        shares = smooth_action(above, self._steepness, self._half_band, self._low, self._span)
         boiler, dosing, not_cold, vents_heat, vents_humidity, screen_cold, screen_heat, screen_humidity, *rest = shares
         lamps_heat, lamps_humidity = rest
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glbench.agents import RuleInputs, RuleSettings, read_rule_settings, rule_controls
-from glbench.agents.rules import privileged_inputs, proportional, within
+from glbench.agents.rules import privileged_inputs, smooth_action, within
 from glbench.errors import ShapeError, SubmissionError
 
 POINTS = np.load(Path(__file__).parents[1] / "golden" / "agents_rule_based_points.npz")
@@ -63,16 +63,20 @@ def test_the_lamp_rules_differ_only_when_humidity_may_switch_lamps_off(published
     assert by_name(rule_controls(humid_night, author))["lamps"] < 0.01
 
 
+def share_of_band(value: float, set_point: float, band: float) -> float:
+    return float(smooth_action(np.array([value]) - set_point, 2.0 / band * np.log(100.0), band / 2.0, 0.0, 1.0)[0])
+
+
 @pytest.mark.parametrize(("value", "expected"), [(20.0, 0.01), (21.0, 0.5), (22.0, 0.99)])
 def test_the_band_begins_with_one_percent_and_ends_with_ninety_nine(value: float, expected: float) -> None:
     # 1/(1 + exp(-ln 100 * ...)): at the set point 1/(1 + 100) = 0.0099, in the middle 1/2, at the end 100/101 = 0.990.
-    assert proportional(np.array([value]), 20.0, 2.0, 0.0, 1.0)[0] == pytest.approx(expected, abs=2e-4)
+    assert share_of_band(value, 20.0, 2.0) == pytest.approx(expected, abs=2e-4)
 
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e4, 1e4), st.sampled_from([-100.0, -1.0, -0.5, 1e-3, 4.0]))
 def test_no_distance_from_the_set_point_overflows(value: float, set_point: float, band: float) -> None:
     with np.errstate(all="raise", under="ignore"):
-        share = proportional(np.array([value]), set_point, band, 0.0, 1.0)[0]
+        share = share_of_band(value, set_point, band)
     assert 0.0 <= share <= 1.0
 
 

@@ -16,7 +16,6 @@ from glbench.model import AUXILIARIES, PARAMETER_NAMES, STATE_NAMES, co2_density
 from glbench.model.crop.lettuce import (
     CARBOXYLATION_ROUNDING,
     LETTUCE_PARAMETERS,
-    LETTUCE_STATES,
     CropClimate,
     Growth,
     LettuceParameters,
@@ -35,7 +34,7 @@ from glbench.model.crop.lettuce import (
     start_state,
 )
 from glbench.model.parameter_checks import check_value
-from glbench.model.quantities import table_of
+from glbench.model.quantities import states_of, table_of
 from tests.model.lettuce_oracle import Lettuce
 
 P = LettuceParameters(*(info.values["benchmark"] for info in LETTUCE_PARAMETERS))
@@ -130,9 +129,9 @@ def test_the_table_is_complete_and_possible() -> None:
 
 
 def test_the_names_are_not_those_of_the_climate_or_the_tomato() -> None:
-    assert [entry.name for entry in LETTUCE_STATES] == ["xN", "xS"]
+    assert [entry.name for entry in states_of(LettuceState)] == ["xN", "xS"]
     assert set(PARAMETER_NAMES).isdisjoint(info.name for info in LETTUCE_PARAMETERS)
-    assert set(STATE_NAMES).isdisjoint(entry.name for entry in LETTUCE_STATES)
+    assert set(STATE_NAMES).isdisjoint(entry.name for entry in states_of(LettuceState))
     fluxes_of_lettuce = [entry.name for record in (Photosynthesis, Growth, Respiration) for entry in table_of(record)]
     assert len(set(fluxes_of_lettuce)) == 9
     assert {entry.name for entry in AUXILIARIES}.isdisjoint(fluxes_of_lettuce)

@@ -28,7 +28,7 @@ from glbench.model.bounds import Horizon
 from glbench.model.expressions import Expr, exp, fmax, sqrt, square
 from glbench.model.model import Flow, ObservedColumn, Signal, Step, Stock
 from glbench.model.parameter_table import read_table
-from glbench.model.quantities import Quantity, Variable, states_of
+from glbench.model.quantities import Quantity, Variable
 from glbench.model.submodels import Crop, CropStart
 from glbench.model.surroundings import CropExchange, Surroundings
 
@@ -141,9 +141,6 @@ class LettuceFluxes(NamedTuple):
     growth: Growth
     respiration: Respiration
 
-
-LETTUCE_STATES = states_of(LettuceState)
-"""Name, unit and meaning of the lettuce's states, in the order of the vector."""
 
 LETTUCE_PARAMETERS = read_table(LettuceParameters, Path(__file__).with_name("lettuce.csv"))
 """Name, unit, meaning, source and value of the lettuce's parameters, in the order of the vector."""
