@@ -51,11 +51,12 @@ def span(figures: Mapping[str, Any]) -> str:
 
 def differences(cells: Cells) -> str:
     """What the first agent earns more than the second in every cell, with the verdict on the conclusion of the centre."""
+    pairs = dict.fromkeys(pair for cell in cells.values() for pair in cell["pairs"])
     rows = []
-    for pair in dict.fromkeys(pair for cell in cells.values() for pair in cell["pairs"]):
-        row = [cell["pairs"].get(pair) for cell in cells.values()]
-        rows.append([agents_in(pair), *("–" if one is None else span(one) + _verdict(one) for one in row)])
-    return grid(["", *map(words_of, cells)], rows)
+    for key, cell in cells.items():
+        row = [cell["pairs"].get(pair) for pair in pairs]
+        rows.append([words_of(key), *("–" if one is None else span(one) + _verdict(one) for one in row)])
+    return grid(["", *map(agents_in, pairs)], rows)
 
 
 def _verdict(figures: Mapping[str, Any]) -> str:
@@ -65,10 +66,10 @@ def _verdict(figures: Mapping[str, Any]) -> str:
 def scores(cells: Cells) -> str:
     """Scores of all agents in every cell, with the number of trainings and runs behind each."""
     rows = []
-    for kind, words in WORDS.items():
-        row = [cell["agents"].get(kind) for cell in cells.values()]
-        rows.append([words, *("–" if one is None else f"{span(one)}<br>{_counts(one)}" for one in row)])
-    return grid(["", *map(words_of, cells)], rows)
+    for key, cell in cells.items():
+        row = [cell["agents"].get(kind) for kind in WORDS]
+        rows.append([words_of(key), *("–" if one is None else f"{span(one)}<br>{_counts(one)}" for one in row)])
+    return grid(["", *WORDS.values()], rows)
 
 
 def _counts(figures: Mapping[str, Any]) -> str:
@@ -76,15 +77,16 @@ def _counts(figures: Mapping[str, Any]) -> str:
     return f"{trainings}{figures['runs']} runs"
 
 
-def effects(base: Mapping[str, Any]) -> str:
-    """What each change of a factor does to agents and to differences; without effects that are only known of agents without training."""
+def effects(base: Mapping[str, Any], *, of_pairs: bool) -> str:
+    """What each change of a factor does to agents, or to differences; without effects that are only known of agents without training."""
     known = {(one["effect"], one["on"]): one for one in base["effects"]}
-    words = [effect for effect in dict.fromkeys(effect for effect, _ in known) if (effect, "ppo") in known]
+    heads = [kinds for kinds in dict.fromkeys(kinds for _, kinds in known) if (" - " in kinds) == of_pairs]
     rows = []
-    for kinds in dict.fromkeys(kinds for _, kinds in known):
-        row = [known.get((effect, kinds)) for effect in words]
-        rows.append([agents_in(kinds), *("–" if one is None else span(one) for one in row)])
-    return grid(["", *(effect.removesuffix(", from the centre") for effect in words)], rows)
+    for effect in dict.fromkeys(effect for effect, _ in known):
+        if (effect, "ppo") in known:
+            row = [known.get((effect, kinds)) for kinds in heads]
+            rows.append([effect.removesuffix(", from the centre"), *("–" if one is None else span(one) for one in row)])
+    return grid(["", *map(agents_in, heads)], rows)
 
 
 def tables(figures: Mapping[str, Any]) -> dict[str, str]:
@@ -92,7 +94,7 @@ def tables(figures: Mapping[str, Any]) -> dict[str, str]:
     drawn = {}
     for name, base in figures["bases"].items():
         drawn |= {f"factors_{name}": differences(played(base)), f"factors_{name}_scores": scores(played(base))}
-        drawn[f"factors_{name}_effects"] = effects(base)
+        drawn |= {f"factors_{name}_effects": effects(base, of_pairs=False), f"factors_{name}_effects_on_leads": effects(base, of_pairs=True)}
     return drawn
 
 
