@@ -94,7 +94,10 @@ def tables(figures: Mapping[str, Any]) -> dict[str, str]:
     drawn = {}
     for name, base in figures["bases"].items():
         drawn |= {f"factors_{name}": differences(played(base)), f"factors_{name}_scores": scores(played(base))}
-        drawn |= {f"factors_{name}_effects": effects(base, of_pairs=False), f"factors_{name}_effects_on_leads": effects(base, of_pairs=True)}
+        drawn |= {
+            f"factors_{name}_effects": effects(base, of_pairs=False),
+            f"factors_{name}_effects_on_leads": effects(base, of_pairs=True),
+        }
     return drawn
 
 
