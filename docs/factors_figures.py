@@ -45,7 +45,7 @@ def agents_in(kinds: str) -> str:
 
 def span(figures: Mapping[str, Any]) -> str:
     """A value with its interval."""
-    numbers = [f"{figures[key]:.2f}".replace("-", "−") for key in ("value", "low", "high")]
+    numbers = [f"{figures[key]:z.2f}".replace("-", "−") for key in ("value", "low", "high")]
     return f"{numbers[0]} ({numbers[1]} to {numbers[2]})"
 
 

@@ -754,14 +754,19 @@ def in_cell(cell: str, pair: str) -> tuple[float, float, float]:
 
 def less_by_step(on: str) -> tuple[float, float, float]:
     """How much less an agent or a difference is when all is drawn in every step [EUR m-2], with its interval."""
-    effect = {one["on"]: one for one in played_factors()["effects"] if one["effect"].startswith("draw: season to step")}[on]
-    return -effect["value"], -effect["high"], -effect["low"]
+    return less(effect_of("draw", on))
 
 
-def effect_of(factor: str, on: str) -> tuple[float, float, float]:
-    """What an agent or a difference gains at the other level of a factor [EUR m-2], with its interval."""
-    (effect,) = (one for one in played_factors()["effects"] if one["on"] == on and one["effect"].startswith(f"{factor}: "))
+def effect_of(change: str, on: str) -> tuple[float, float, float]:
+    """What an agent or a difference gains from a change, named by its beginning [EUR m-2], with its interval."""
+    (effect,) = (one for one in played_factors()["effects"] if one["on"] == on and one["effect"].startswith(change))
     return effect["value"], effect["low"], effect["high"]
+
+
+def less(gained: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The same as a loss, with its interval."""
+    value, low, high = gained
+    return -value, -high, -low
 
 
 def speeds_of_learning(baseline: str, page: str) -> float:
@@ -783,6 +788,18 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "control {} EUR/m² ({} to {}) of its lead over PPO without memory, and {} ({} to {}) of its lead over the rules",
             lambda: (*less_by_step("mpc - ppo"), *less_by_step("mpc - rules")),
+        ),
+        (
+            "predictive control earns {} ({} to {}) less; with a perfect one it would earn {} ({} to {}) more",
+            lambda: (*less(effect_of("forecast: erring to none", "mpc")), *effect_of("forecast: erring to perfect", "mpc")),
+        ),
+        (
+            "leads the rules by {} and PPO without memory by {}. It then expects",
+            lambda: tuple(in_cell("forecast-none", pair)[0] for pair in ("mpc - rules", "mpc - ppo")),
+        ),
+        (
+            "Without a forecast predictive control leads the rules by {}, with a perfect one by {}.",
+            lambda: tuple(in_cell(f"forecast-{one}", "mpc - rules")[0] for one in ("none", "perfect")),
         ),
         ("leads both, by {} and {};", lambda: tuple(in_cell("draw-step", pair)[0] for pair in ("mpc - ppo", "mpc - rules"))),
         (
@@ -1439,6 +1456,10 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "PPO without memory (from {} to {} EUR/m², test split)",
             lambda: tuple(in_cell(one, "mpc - ppo")[0] for one in ("centre", "draw-step")),
+        ),
+        (
+            "forecast is worth {} EUR/m² to predictive control, a perfect one {} more;",
+            lambda: (-effect_of("forecast: erring to none", "mpc")[0], effect_of("forecast: erring to perfect", "mpc")[0]),
         ),
         (
             "With true sensors, the rules earn {} EUR/m² more and no lead of PPO over them is found; predictive control still leads them "
