@@ -1,8 +1,8 @@
 """Which of the checkout's data goes into which wheel, for the build hooks of both.
 
 ``glbench-data`` holds all baselines, all released results and the pictures of glbench.vision. ``glbench`` holds what its commands need
-without it: every released result but those of the suites transfer and paper-code, and every baseline but large policies, plans and recordings. It also
-holds the digest of the data that belong to it, and what it lacks of them.
+without it: every released result but those of the suites transfer and paper-code, and every baseline but large policies, plans and
+recordings. It also holds the digest of the data that belong to it, and what it lacks of them.
 """
 
 from __future__ import annotations

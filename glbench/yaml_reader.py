@@ -43,7 +43,7 @@ def read_yaml(file: Path, what: str, error_type: type[GlbenchError]) -> dict[str
         text = read_regular(file, _LARGEST_FILE).decode("utf-8-sig")
         return _content(text)
     except OSError as error:
-        where, reason, cause = "", f"{error.strerror or error}.", error
+        where, reason, cause = "", f"{error.strerror or error}. Check the path.", error
     except UnicodeDecodeError as error:
         where, reason, cause = "", f"byte {error.start + 1:,} is not UTF-8. Save the file as UTF-8 text.", error
     except _RefusedError as error:

@@ -202,6 +202,8 @@ def read_book(file: Path) -> PlanBook:
             actions=arrays.integers("actions", 3, np.uint16),
             about=tuple(checked_facts(one) for one in about),
         )
+    except FileNotFoundError as error:
+        refuse(f"There is no {file}. {_ADVICE}", SubmissionError, error)
     except (ValueError, OSError, ShapeError) as error:
         refuse(f"{file} is no book of plans, or a damaged one: {reason_of(error)}. {_ADVICE}", SubmissionError, error)
 

@@ -87,7 +87,7 @@ def bound(
         f"{console.count(search.iterations, 'iteration')}, beginning as {search.start.agent.name} does, in {search.folder}"
     )
     console.put_parts([console.paragraph(Markup(words), aside=True)])
-    with console.interruption("The plans found so far are kept. Run the same command again to continue."):
+    with console.interruption(lambda: f"{console.count(len(results), 'plan')} kept. Run the same command again to continue."):
         for one in _plans(search, engine, remaining):
             results.append(one)
             if one.reason:

@@ -117,13 +117,13 @@ def _parts(verdict: Verdict) -> Iterator[console.Part]:
     yield console.paragraph(f"  {visible(verdict.reason)}")
     if verdict.outcome == "reproduced":
         seeds = ", ".join(map(str, verdict.episodes[:8])) + (" ..." if len(verdict.episodes) > 8 else "")
-        whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
+        whole = f"; every column of the full episodes of the seed{'s' * (len(verdict.episodes) > 1)} {seeds}" if verdict.episodes else ""
         profile = "; the profile" if "profile" in verdict.reproduced else ""
         if "fresh_draws.references" in verdict.reproduced:
             profile += "; the fresh draws, and the scores of the reference agents with both sets of draws"
         yield console.paragraph(
-            f"  Reproduced: {verdict.steps:,} rewards, {verdict.runs} final states, all metrics and their means; the digests of the task "
-            f"and of the result{whole}{profile}."
+            f"  Reproduced: {verdict.steps:,} rewards, {console.count(verdict.runs, 'final state')}, all metrics and their means; the "
+            f"digests of the task and of the result{whole}{profile}."
         )
         yield console.paragraph(f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.")
     for note in verdict.notes:

@@ -116,7 +116,7 @@ def import_file(
     place: Annotated[
         str | None,
         typer.Option(
-            "--place", metavar="LAT,LON[,ALT]", help="Degrees north, degrees east, metres above sea level; overrides those of the file."
+            "--place", metavar="LAT,LON,ALT", help="Degrees north, degrees east, metres above sea level; overrides those of the file."
         ),
     ] = None,
     columns: Annotated[
@@ -135,11 +135,10 @@ def import_file(
     check_new_name(name, overwrite=replace)
     coordinates = None
     if place is not None:
-        parts = place.split(",")
         try:
-            latitude, longitude, altitude = (float(part) for part in (parts if len(parts) == 3 else [*parts, "0"]))
+            latitude, longitude, altitude = (float(part) for part in place.split(","))
         except ValueError:
-            msg = f"--place '{place}' is not a latitude and a longitude in degrees, such as 52.0,4.5, or 52.0,4.5,-4 with the altitude [m]."
+            msg = f"--place '{place}' is not a latitude and a longitude in degrees and an altitude in m, such as 52.0,4.5,-4."
             raise WeatherError(msg) from None
         coordinates = (latitude, longitude, altitude)
     record = read_weather(

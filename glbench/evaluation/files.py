@@ -88,7 +88,8 @@ def _check_schema(path: Path, text: str) -> None:
     try:
         document = parse_json(text)
     except ValueError as error:
-        msg = f"{path} is no valid JSON ({reason_of(error)}). It was cut or edited; evaluate again with `glbench evaluate ... --fresh`."
+        reason = f"is no valid JSON ({reason_of(error)}). It was cut or edited" if text.strip() else "is empty"
+        msg = f"{path} {reason}; evaluate again with `glbench evaluate ... --fresh`."
         raise ResultError(msg) from error
     name = document.get("schema") if isinstance(document, dict) else None
     if name != SCHEMA_NAME:

@@ -221,5 +221,5 @@ def read_page(file: Path) -> Page:
     Raises ``TaskError`` when the file cannot be read, lacks the floor area, or has an unknown or impossible entry; with the entry, its
     value and units.
     """
-    advice = f"{EMPTY_PAGE.name}, which `glbench greenhouse new` writes, explains each entry."
+    advice = "The page that `glbench greenhouse new` writes explains each entry."
     return settings.read_settings(Page, file, "the greenhouse page", TaskError, toml=True, advice=advice)

@@ -212,7 +212,7 @@ def check_seeds(result: Result, task: TaskSpec) -> tuple[str, ...]:
     if holes:
         refute("dropped_run", f"The seeds are not consecutive: {_seeds(holes)} is missing. Evaluations leave no run out.")
     return (
-        f"This is a trial of {len(seeds)} runs from seed {seeds[0]}; the task asks for {len(scored)} "
+        f"This is a trial of {len(seeds)} run{'s' * (len(seeds) > 1)} from seed {seeds[0]}; the task asks for {len(scored)} "
         f"from seed {scored[0]}. It is not ranked.",
     )
 

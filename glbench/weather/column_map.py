@@ -96,7 +96,7 @@ class PlaceEntry(Table):
 
     latitude: float
     longitude: float
-    altitude: float = 0.0
+    altitude: float
     station: str = ""
 
 
@@ -229,8 +229,7 @@ def read_columns(
     entry = columns.place
     if coordinates is None:
         if entry is None:
-            problem = "the column map does not say where the station is. Fill in its [place], or import with --place LATITUDE,LONGITUDE."
-            table.refuse(problem)
+            table.refuse("the column map does not say where the station is. Fill in its [place], or import with --place LAT,LON,ALT.")
         coordinates = (entry.latitude, entry.longitude, entry.altitude)
     place = record.Place((entry and entry.station) or path.stem, *coordinates, zone)
     origin = record.Origin(name or path.stem.lower(), place, f"file {path.name}", "Your own measurements.")

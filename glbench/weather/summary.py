@@ -80,7 +80,7 @@ def monthly(record: WeatherRecord, only: str | None = None) -> list[Month]:
         numbers = [i for i, name in enumerate(names) if str(name) == only]
     rows = [_month(record, str(names[i]), bounds[i], bounds[i + 1]) for i in numbers]
     if not rows:
-        msg = f"Weather '{record.name}' covers {record.period}: it has no month '{only}'. Use 1 to 12, or a month such as 2010-03."
+        msg = f"Weather '{record.name}' covers {record.period}: it has no month '{only}'. Use a month such as {names[0]}."
         raise WeatherError(msg)
     return rows
 

@@ -99,7 +99,7 @@ def test_better_plans_are_taken_over(glbench: Command, here: Path, monkeypatch: 
         (("day.toml", "--submit", "x.npz"), "Name the task to plan for"),
         (("day.toml", "--split", "training"), "has no splits"),
         (("Spring-v1", "--split", "winter"), "no split 'winter'"),
-        (("--submit", "x.npz"), "x.npz is no book of plans"),
+        (("--submit", "x.npz"), "There is no x.npz. `glbench bound` writes books of plans."),
         (("day.toml", "--start", "nobody"), "nobody"),
     ],
 )

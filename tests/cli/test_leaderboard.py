@@ -193,19 +193,27 @@ def test_results_of_a_task_of_ones_own_are_found_by_its_file(reports, tmp_path, 
     assert "none.toml" in str(missing.exception)
 
 
+def test_a_badge_is_an_svg(tmp_path):
+    refused = CliRunner().invoke(app, ["badge", "rule_based", "--file", str(tmp_path / "badge.png")])
+    assert "badge.png should end with .svg." in " ".join(str(refused.exception).split())
+    assert not (tmp_path / "badge.png").exists()
+
+
 def test_spoiled_result_files_are_listed_and_the_others_ranked(reports):
-    cut, foreign = next(reports.rglob("worse.json")), reports / "results" / "notes.json"
+    cut, foreign, empty = next(reports.rglob("worse.json")), reports / "results" / "notes.json", reports / "results" / "empty.json"
     cut.write_text(cut.read_text()[:-50])
     foreign.write_text("{}")
+    empty.write_text("")
     result = run("--out", reports, "--task", "Meadow-v1")
     assert result.exit_code == 0, result.output
-    assert "2 result files are left out" in result.stderr
+    assert "3 result files are left out" in result.stderr
+    assert f"{empty} is empty; evaluate again" in result.stderr
     assert f"{cut} is no valid JSON" in result.stderr
     assert f"{foreign} is not a result of glbench" in result.stderr
     assert "better" in result.stdout
     assert "worse" not in result.stdout
     assert run("--out", reports, "--strict").exit_code == 1
-    for spoiled in (cut, foreign):
+    for spoiled in (cut, foreign, empty):
         spoiled.unlink()
     assert run("--out", reports, "--strict").exit_code == 0
 

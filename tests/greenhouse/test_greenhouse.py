@@ -120,7 +120,7 @@ def test_the_same_in_another_unit(tmp_path: Path, one: str, other: str, name: st
         (FLOOR + '[heating]\nboiler = "5 mW"', "'mW' is no unit that fits here. Write one of MW, kW, W, W/m2"),
         (FLOOR + '[heating]\nboiler = "-5 MW"', "it cannot be below 0"),
         (FLOOR + '[heating]\nboilr = "5 MW"', "there is no setting 'heating.boilr'. Did you mean 'boiler'?"),
-        ("title = 'x'", "'house' is missing"),
+        ("title = 'x'", "'house' is missing. The page that `glbench greenhouse new` writes explains each entry"),
     ],
 )  # fmt: skip
 def test_what_a_page_cannot_say(tmp_path: Path, text: str, words: str) -> None:

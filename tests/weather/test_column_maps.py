@@ -21,6 +21,7 @@ clock = "Europe/Amsterdam"
 [place]
 latitude = 52.0
 longitude = 4.5
+altitude = 0.0
 [columns]
 air_temperature = { column = "Buiten temp", unit = "°C" }
 relative_humidity = { column = "RV", unit = "%" }
@@ -212,7 +213,8 @@ def test_a_map_is_proposed_written_and_read_again(tmp_path: Path) -> None:
         (('unit = "km/h"', 'unit = "bft"'), "wind_speed cannot come in 'bft'. Use one of m/s, km/h, mph, kn"),
         (("wind_speed =", "windspeed ="), "there is no quantity 'windspeed'. Did you mean 'wind_speed'"),
         (('column = "RV"', 'column = "RH"'), "there is no column 'RH'. Known: "),
-        (("[place]\nlatitude = 52.0\nlongitude = 4.5\n", ""), "--place LATITUDE,LONGITUDE"),
+        (("altitude = 0.0\n", ""), "place.altitude' is missing"),
+        (("[place]\nlatitude = 52.0\nlongitude = 4.5\naltitude = 0.0\n", ""), "--place LAT,LON,ALT"),
         (("Europe/Amsterdam", "Europe/Amsterdm"), "'Europe/Amsterdm' is no time zone"),
         (('time = ["Datum", "Tijd"]', 'time = "Tijd"'), "'00:00' is not a time such as"),
         (("relative_humidity = {", "# relative_humidity = {"), "no column is named for relative_humidity"),
@@ -242,7 +244,8 @@ def test_the_commands_of_a_column_map_and_the_export(tmp_path: Path, monkeypatch
     again = run(app, ["weather", "columns", str(path)])
     assert again.exit_code != 0
     arguments = ["weather", "import", str(path), "--name", "kas", "--columns", str(tmp_path / "export.columns.toml")]
-    assert run(app, [*arguments, "--place", "52,north"]).exit_code != 0
+    for place in ("52,north", "52.0,4.5"):  # an altitude that is left out would be taken for 0 m, even if the file has one
+        assert run(app, [*arguments, "--place", place]).exit_code != 0
     outcome = run(app, [*arguments, "--place", "52.0,4.5,-4"])
     assert outcome.exit_code == 0, outcome.output
     assert "Note: rows of 30 min averaged to hours; 24 h" in outcome.output

@@ -89,6 +89,11 @@ def test_show_gives_period_licence_digest_and_monthly_figures_with_units() -> No
     assert "5.16" in shown
 
 
+def test_a_month_that_is_not_there_is_answered_with_one_that_is() -> None:
+    with pytest.raises(WeatherError, match=r"has no month '2007-03'. Use a month such as 2008-01\."):
+        monthly(load_weather("schiphol"), "2007-03")
+
+
 def test_show_lists_every_month() -> None:
     shown = run("show", "schiphol")
     assert all(f"{year}-{month:02d}" in shown for year in range(2008, 2013) for month in range(1, 13))

@@ -287,7 +287,7 @@ class _DryRun:
             results.append(problem("time", text))
         measured = f"the first one {1e3 * first:.3g} ms" if later else "the first one alone, which may take longer than others"
         self._book.facts["time"] = (
-            f"{1e3 * each:.3g} ms a decision of one run, {measured}; {_duration(whole * runs)} for {runs} runs of {steps} steps"
+            f"{1e3 * each:.3g} ms a decision of one run, {measured}; at most {_duration(whole * runs)} for {runs} runs of {steps} steps"
         )
         half = memory[len(memory) // 2 :]  # the first half warms up
         growth = max(0.0, (half[-1] - half[0]) / (len(half) - 1)) if len(half) > 1 else 0.0
