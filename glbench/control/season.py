@@ -159,7 +159,7 @@ class _Search:
 
     def improve(self, smoothing: float) -> float:
         """One iteration; gives what it gained."""
-        plan, stage, calendar = self.plan, StageReward(self.near, smoothing=smoothing), self.scenario.calendar
+        plan, stage, calendar = self.plan, StageReward(self.near, smoothing=smoothing, inward=True), self.scenario.calendar
         linearisation = self.plain.linearise_trajectory(plan.states[0, : self.s], plan.controls, self.scenario.d, self.p)
         _, slopes = stage.gradient(linearisation.x, plan.controls, calendar)
         # What the rest of the season makes of a state: without the end of the step that led there.

@@ -15,7 +15,7 @@ from glbench.env import REWARDS
 from glbench.env.air import AIR, air_quantities
 from glbench.env.program import calendar_columns, info_columns, record_quantities
 from glbench.env.spaces import the_task
-from glbench.errors import GlbenchError, ShapeError, TaskError, refuse
+from glbench.errors import GlbenchError, ShapeError, TaskError, UnknownNameError, refuse
 from glbench.kernel.tape import Read, Recorder, Source, TapeDerivatives, Target
 from glbench.model import Model
 from glbench.tasks import TaskSpec
@@ -68,16 +68,17 @@ class StageReward:
     What a task charges for a step that fails is no matter of states, and not in here.
 
     Raises ``TaskError`` when a part of the reward was registered, Python without derivatives, or depends on changes of controls.
-    Raises ``ShapeError`` when the smoothing is negative or no finite number.
+    Raises ``ShapeError`` when the smoothing is negative or no finite number, and ``UnknownNameError`` for anything else ``counted``.
 
     ``smoothing`` is the width w within which violations count quadratically, as a share of the distance between the two limits of a
     quantity: a violation v counts as v^2 / (2 w) up to w, and as v - w / 2 from there. 0 is exact. At 0.03 limits of 15 and 34 degC have
-    w = 0.57 K. ``counted`` is what counts as the reward: "reward", or "epi" for the profit alone.
+    w = 0.57 K. ``counted`` is what counts as the reward: "reward", or "epi" for the profit alone. With ``inward``, gradients are taken a
+    billionth inside the bounds of the controls, where power that is neither made nor used has the price at which it is bought.
     """
 
-    def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0, counted: str = "reward") -> None:
+    def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0, counted: str = "reward", inward: bool = False) -> None:
         self.task = task = the_task(task)
-        self.smoothing = smoothing
+        self.smoothing, self._inward = smoothing, 1e-9 if inward else 0.0
         tape = record_quantities(task)
         if tape is None:
             registered = ", ".join(f"'{name}'" for name in task.reward.modules if not REWARDS.recorded(name))
@@ -86,6 +87,8 @@ class StageReward:
             raise TaskError(msg)
         if not (np.isfinite(smoothing) and smoothing >= 0.0):
             refuse(f"The smoothing is a finite share of the distance between two limits, 0 or more; got {smoothing!r}.", ShapeError)
+        if counted not in ("reward", "epi"):
+            refuse(f"'{counted}' cannot count as the reward: choose 'reward', or 'epi' for the profit alone.", UnknownNameError)
         first = info_columns(task)
         columns = {quantity.name: first + place for place, quantity in enumerate(task.quantities)}
         widths = {
@@ -131,7 +134,7 @@ class StageReward:
 
     def gradient(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None) -> tuple[StageValues, StageGradient]:
         """What the steps of a trajectory earn, and the derivatives of each step's reward. Parameters and errors as of a call."""
-        read, shape = self._inputs(x, u, calendar)
+        read, shape = self._inputs(x, np.clip(u, self._inward, 1.0 - self._inward) if self._inward else u, calendar)
         states, controls = self._sizes
         slopes: dict[Source, Floats] = {
             "before": np.zeros((*shape, 1, states)),
@@ -155,7 +158,7 @@ class StageReward:
         if self._derivatives.reads("calendar") or self._derivatives.reads("calendar_before"):
             expected = (shape[-1] + 1, self._calendar_columns)
             rows = np.asarray(() if calendar is None else calendar, dtype=np.float64)
-            if rows.shape[-2:] != expected:
+            if rows.shape not in (expected, (*shape[:-1], *expected)):
                 got = "none" if calendar is None else f"one of shape {rows.shape}"
                 msg = (
                     f"Prices of {self.task.id} change: its reward needs the calendar of the steps, of shape {expected}, and got {got}. "

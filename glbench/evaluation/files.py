@@ -89,8 +89,7 @@ def _check_schema(path: Path, text: str) -> None:
         document = parse_json(text)
     except ValueError as error:
         reason = f"is no valid JSON ({reason_of(error)}). It was cut or edited" if text.strip() else "is empty"
-        msg = f"{path} {reason}; evaluate again with `glbench evaluate ... --fresh`."
-        raise ResultError(msg) from error
+        refuse(f"{path} {reason}; evaluate again with `glbench evaluate ... --fresh`.", ResultError, error)
     name = document.get("schema") if isinstance(document, dict) else None
     if name != SCHEMA_NAME:
         refuse(f"{path} is not a result of glbench: its 'schema' is {quoted(name)} and should be '{SCHEMA_NAME}'.", ResultError)

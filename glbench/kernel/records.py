@@ -98,7 +98,7 @@ def as_rows(names: Names, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, 
     if rows.u.size and not (np.minimum.reduce(rows.u, axis=None) >= 0.0 and np.maximum.reduce(rows.u, axis=None) <= 1.0):
         row, column = np.argwhere((rows.u < 0.0) | (rows.u > 1.0))[0]
         msg = (
-            f"Control {names['u'][column]} of row {row} is {rows.u[row, column]!r}; controls are fractions of the "
+            f"Control {names['u'][column]} of row {row} is {rows.u[row, column]}; controls are fractions of the "
             "installed capacity and must lie within 0..1. Clip the set points before the step."
         )
         raise ActionError(msg)

@@ -73,7 +73,7 @@ def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayL
         expected = f"(steps, {size['u']})" + ("" if count is None else f" or ({count}, steps, {size['u']})")
         raise ShapeError(_wrong_shape("controls u", table.shape, expected))
     steps = table.shape[-2]
-    tables = {key: by_horizon(f"{_KINDS[key]}s {key}", inputs[key], count, (steps, size[key])) for key in "ud"}
+    tables = {key: by_horizon(f"{_KINDS[key]}s {key}", inputs[key], count, (steps, size[key]), finite=False) for key in "ud"}
     horizons = Horizons(np.atleast_2d(x), tables["u"], tables["d"], _parameters(inputs["p"], count, steps, size["p"]))
     for key, values in inputs.items():
         if all_finite(values):
@@ -90,16 +90,18 @@ def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayL
     if controls.size and not (controls.min() >= 0.0 and controls.max() <= 1.0):
         horizon, step, column = np.argwhere((controls < 0.0) | (controls > 1.0))[0]
         msg = (
-            f"Control {names['u'][column]} of horizon {horizon}, step {step} is {controls[horizon, step, column]!r}; "
+            f"Control {names['u'][column]} of horizon {horizon}, step {step} is {controls[horizon, step, column]}; "
             "controls are fractions of the installed capacity and must lie within 0..1. Clip them before the rollout."
         )
         raise ActionError(msg)
     return horizons
 
 
-def by_horizon(what: str, values: npt.ArrayLike, count: int | None, shape: tuple[int, ...]) -> FloatArray:
-    """A table (horizons, *shape); ``count`` is None for one horizon without an axis. Raises ``ShapeError`` when ``values`` have another."""
+def by_horizon(what: str, values: npt.ArrayLike, count: int | None, shape: tuple[int, ...], *, finite: bool = True) -> FloatArray:
+    """A table (horizons, *shape); ``count`` is None for one horizon without an axis. Raises ``ShapeError`` when ``values`` are none."""
     table = _numbers(what, values)
+    if finite and not all_finite(table):
+        refuse(f"The {what} of a rollout have values that are not finite.", ShapeError)
     if table.shape == shape:
         return np.broadcast_to(table, (1 if count is None else count, *shape))
     if count is not None and table.shape == (count, *shape):
@@ -370,8 +372,6 @@ class Trajectories(Differentiable):
         horizons = as_horizons(self.model.names, x0, u, d, p)
         n, steps = horizons.count, horizons.steps
         table = by_horizon("cotangents", cotangents, None if one else n, (steps + 1, horizons.x.shape[1]))
-        if not all_finite(table):
-            refuse("The cotangents of a rollout have values that are not finite.", ShapeError)
         x = self._rollout(horizons, one=one)
         rows = horizons.rows(x)
         ends = table[:, 1:].reshape(rows.x.shape)

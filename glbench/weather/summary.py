@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from glbench.errors import WeatherError
+from glbench.errors import WeatherError, refuse
 from glbench.weather.conserving import TWILIGHT_SINE
 from glbench.weather.hourly import clear_sky_radiation
 from glbench.weather.preprocessing import saturation_vapour_pressure
@@ -80,8 +80,7 @@ def monthly(record: WeatherRecord, only: str | None = None) -> list[Month]:
         numbers = [i for i, name in enumerate(names) if str(name) == only]
     rows = [_month(record, str(names[i]), bounds[i], bounds[i + 1]) for i in numbers]
     if not rows:
-        msg = f"Weather '{record.name}' covers {record.period}: it has no month '{only}'. Use a month such as {names[0]}."
-        raise WeatherError(msg)
+        refuse(f"Weather '{record.name}' covers {record.period}: it has no month '{only}'. Use a month such as {names[0]}.", WeatherError)
     return rows
 
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from glbench.control import StageReward
+from glbench.control import Scenario, StageReward
 from glbench.env import register_reward
-from glbench.errors import ShapeError, TaskError
-from glbench.tasks import TaskSpec
+from glbench.errors import ShapeError, TaskError, UnknownNameError
+from glbench.tasks import TaskSpec, get_task
 from tests.control.steps import TASKS, VARIED, Floats, scored, wild_steps
 
 MakeTask = Callable[..., TaskSpec]
@@ -108,9 +108,25 @@ def test_prices_by_the_hour_need_the_calendar() -> None:
     stage, steps = StageReward(task), wild_steps(task, 40)
     night, day = (stage(steps.x[:21], steps.u[:20], steps.calendar[:21]), stage(steps.x[:21], steps.u[:20], steps.calendar[-21:]))
     assert (night.epi > day.epi).any()
-    for wrong in (None, steps.calendar[:-1], steps.calendar[:, :2]):
+    for wrong in (None, steps.calendar[:-1], steps.calendar[:, :2], np.stack([steps.calendar] * 2)):
         with pytest.raises(ShapeError, match=r"needs the calendar of the steps, of shape \(41, 3\)"):
             stage(steps.x, steps.u, wrong)
+
+
+def test_from_inside_the_bounds_unused_lamps_cost_the_power_that_they_would_buy() -> None:
+    task = get_task("SpringEnergy-v1")
+    scenario = Scenario.of(task, 7)
+    lamp = task.model_value.control_names.index("uLamp")
+    u = np.zeros((1, len(task.model_value.control_names)))
+    x = np.repeat(scenario.x0[None], 2, axis=0)
+    noon = scenario.calendar[48:50]
+    once = np.zeros_like(u)
+    once[0, lamp] = 1e-3
+    stage = StageReward(task, counted="epi", inward=True)
+    asked = (stage(x, once, noon).epi - stage(x, u, noon).epi)[0] / 1e-3
+    assert asked < 0.0
+    assert StageReward(task, counted="epi").gradient(x, u, noon)[1].controls[0, lamp] == 0.0
+    assert stage.gradient(x, u, noon)[1].controls[0, lamp] == pytest.approx(asked, rel=1e-6)
 
 
 def test_what_does_not_fit_is_refused() -> None:
@@ -121,6 +137,8 @@ def test_what_does_not_fit_is_refused() -> None:
     ):  # fmt: skip
         with pytest.raises(ShapeError, match=r"Expected \(\.\.\., T \+ 1, 35\) and \(\.\.\., T, 6\)"):
             stage(x, u)
+    with pytest.raises(UnknownNameError, match="'penalty' cannot count as the reward: choose 'reward', or 'epi'"):
+        StageReward(task, counted="penalty")
     for smoothing in (-0.1, np.nan, np.inf):
         with pytest.raises(ShapeError, match="smoothing is a finite share"):
             StageReward(task, smoothing=smoothing)

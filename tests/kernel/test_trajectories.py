@@ -192,6 +192,8 @@ def test_wrong_inputs_are_explained(tanks: tuple[Array, Array, Array, Array]) ->
         (ShapeError, r"no derivatives with respect to d: .*\('x', 'u', 'd'\)", lambda: path.push(dd=np.zeros((5, 1)))),
         (ShapeError, r"cotangents .*\(5, 2\); expected \(6, 2\)", lambda: path.pull(np.zeros((5, 2)))),
         (ShapeError, r"cotangents .*\(2,\); expected \(6, 2\)", lambda: kernel.rollout_adjoint(x0, u, d, p, np.zeros(2))),
+        (ShapeError, "changes du .*not finite", lambda: path.push(np.full((5, 1), np.nan))),
+        (ShapeError, "cotangents .*not finite", lambda: path.pull(np.full((6, 2), np.inf))),
         (ShapeError, "not finite", lambda: kernel.rollout_adjoint(x0, u, d, p, np.full((6, 2), np.nan))),
     ]  # fmt: skip
     for kind, words, call in wrong:

@@ -57,6 +57,13 @@ def test_a_library_is_built_once(empty_cache: Path, quick_compiler: Path) -> Non
     assert not [file for file in empty_cache.iterdir() if file.is_dir()], "temporary folders stay behind"
 
 
+@pytest.mark.usefixtures("empty_cache", "quick_compiler")
+def test_a_compilation_that_takes_too_long_ends_in_plain_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glbench.kernel.compiled.compiler._TIMEOUT_SECONDS", 0.1)
+    with pytest.raises(CompiledUnavailable, match=r"quick-c\+\+' was stopped after 0\.1 s\. Is the machine busy\? Try again\.$"):
+        CompiledStepper(TOMATO, 900.0)
+
+
 def test_what_a_killed_compilation_left_goes_with_the_next(empty_cache: Path, quick_compiler: Path) -> None:
     CompiledStepper(TOMATO, 900.0)
     (record,) = empty_cache.glob("*.json")

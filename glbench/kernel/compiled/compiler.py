@@ -23,7 +23,7 @@ _EXACT = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
 _IN_ORDER = ("-fno-tree-ter", "-fschedule-insns", "-fsched-pressure", "-fno-gcse")
 # gcc 12 takes Zen 4 for Zen 3, which has no 512-bit vectors. With its choices for Haswell, batches are 5 % faster there.
 _TUNED = ("-mtune=haswell",)
-_TIMEOUT_SECONDS = 300.0
+_TIMEOUT_SECONDS = 1200.0
 
 
 class CompiledUnavailable(GlbenchError):  # noqa: N818  a state of the machine, answered with another backend
@@ -61,7 +61,10 @@ class Compiler:
         command = [*self.command, *flags, *folders, str(source), "-o", str(library)]
         try:
             result = children.run(command, timeout=_TIMEOUT_SECONDS)
-        except (OSError, subprocess.TimeoutExpired) as error:
+        except subprocess.TimeoutExpired as error:
+            slow = f"The compiler '{' '.join(self.command)}' was stopped after {_TIMEOUT_SECONDS:g} s. Is the machine busy? Try again."
+            refuse(slow, CompiledUnavailable, error)
+        except OSError as error:
             refuse(f"The compiler '{' '.join(self.command)}' could not build the kernel: {error}.", CompiledUnavailable, error)
         if result.returncode != 0:
             lines = (result.stderr or result.stdout).strip().splitlines()

@@ -115,7 +115,7 @@ _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
 LENT = "GLBENCH_KERNELS"
 """Names a folder with libraries that another process of this machine built."""
-_LOCK_SECONDS = 600.0
+_LOCK_SECONDS = 1800.0
 _GENERATOR = ("derivative", "emit", "generate", "graph", "lu", "regroup", "sensitivity_code")
 _SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n#include "environment.hpp"\n'
 _SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#include "trajectory.hpp"\n'
