@@ -127,7 +127,7 @@ class RuleInputs:
 
 
 def smooth_action(above: Floats, steepness: Any, half_band: Any, low: Any, span: Any) -> Floats:
-    """Action with a sigmoid of ``above``, how far a value is from its set point: 1 % of ``span`` at 0, 99 % at the end of the band."""
+    """Sigmoid of ``above``, a value minus its set point: ``low`` plus 1 % of ``span`` at 0, plus 99 % at the end of the band."""
     z = steepness * (above - half_band)
     # exp only ever sees numbers that are not positive, so no distance from the set point overflows.
     decay = np.exp(-np.abs(z))

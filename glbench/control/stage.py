@@ -68,12 +68,12 @@ class StageReward:
     What a task charges for a step that fails is no matter of states, and not in here.
 
     Raises ``TaskError`` when a part of the reward was registered, Python without derivatives, or depends on changes of controls.
-    Raises ``ShapeError`` when the smoothing is negative or no finite number, and ``UnknownNameError`` for anything else ``counted``.
+    Raises ``ShapeError`` when the smoothing is negative or not finite, and ``UnknownNameError`` for anything else ``counted``.
 
     ``smoothing`` is the width w within which violations count quadratically, as a share of the distance between the two limits of a
     quantity: a violation v counts as v^2 / (2 w) up to w, and as v - w / 2 from there. 0 is exact. At 0.03 limits of 15 and 34 degC have
-    w = 0.57 K. ``counted`` is what counts as the reward: "reward", or "epi" for the profit alone. With ``inward``, gradients are taken a
-    billionth inside the bounds of the controls, where power that is neither made nor used has the price at which it is bought.
+    w = 0.57 K. ``counted`` is what counts as the reward: "reward", or "epi" for the profit alone. With ``inward``, ``gradient``
+    takes controls a billionth inside their bounds, for its values too: with lamps and engine off, electricity then has a price.
     """
 
     def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0, counted: str = "reward", inward: bool = False) -> None:
@@ -88,7 +88,7 @@ class StageReward:
         if not (np.isfinite(smoothing) and smoothing >= 0.0):
             refuse(f"The smoothing is a finite share of the distance between two limits, 0 or more; got {smoothing!r}.", ShapeError)
         if counted not in ("reward", "epi"):
-            refuse(f"'{counted}' cannot count as the reward: choose 'reward', or 'epi' for the profit alone.", UnknownNameError)
+            refuse(f"counted='{counted}' is unknown: choose 'reward', or 'epi' for the profit alone.", UnknownNameError)
         first = info_columns(task)
         columns = {quantity.name: first + place for place, quantity in enumerate(task.quantities)}
         widths = {

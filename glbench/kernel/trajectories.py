@@ -98,7 +98,7 @@ def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayL
 
 
 def by_horizon(what: str, values: npt.ArrayLike, count: int | None, shape: tuple[int, ...], *, finite: bool = True) -> FloatArray:
-    """A table (horizons, *shape); ``count`` is None for one horizon without an axis. Raises ``ShapeError`` when ``values`` are none."""
+    """A table (horizons, *shape); ``count`` is None for one horizon without an axis. Raises ``ShapeError`` when ``values`` do not fit."""
     table = _numbers(what, values)
     if finite and not all_finite(table):
         refuse(f"The {what} of a rollout have values that are not finite.", ShapeError)

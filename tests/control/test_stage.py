@@ -137,7 +137,7 @@ def test_what_does_not_fit_is_refused() -> None:
     ):  # fmt: skip
         with pytest.raises(ShapeError, match=r"Expected \(\.\.\., T \+ 1, 35\) and \(\.\.\., T, 6\)"):
             stage(x, u)
-    with pytest.raises(UnknownNameError, match="'penalty' cannot count as the reward: choose 'reward', or 'epi'"):
+    with pytest.raises(UnknownNameError, match="counted='penalty' is unknown: choose 'reward', or 'epi'"):
         StageReward(task, counted="penalty")
     for smoothing in (-0.1, np.nan, np.inf):
         with pytest.raises(ShapeError, match="smoothing is a finite share"):

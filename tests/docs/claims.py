@@ -794,9 +794,10 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: (*less(effect_of("forecast: erring to none", "mpc")), *effect_of("forecast: erring to perfect", "mpc")),
         ),
         (
-            "leads the rules by {} and PPO without memory by {}. It then expects",
+            "leads the rules by {} and PPO without memory by {}. Predictive control then expects",
             lambda: tuple(in_cell("forecast-none", pair)[0] for pair in ("mpc - rules", "mpc - ppo")),
         ),
+        ("in the centre; predictive control leads them by {}.", lambda: in_cell("house-2", "mpc - rules")[:1]),
         (
             "Without a forecast predictive control leads the rules by {}, with a perfect one by {}.",
             lambda: tuple(in_cell(f"forecast-{one}", "mpc - rules")[0] for one in ("none", "perfect")),
