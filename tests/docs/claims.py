@@ -797,6 +797,15 @@ CLAIMS: dict[str, list[Claim]] = {
             "leads the rules by {} and PPO without memory by {}. Predictive control then expects",
             lambda: tuple(in_cell("forecast-none", pair)[0] for pair in ("mpc - rules", "mpc - ppo")),
         ),
+        (
+            "PPO without memory leads them by {} where violations cost half, {} in the centre and {} where they cost twice as much; "
+            "predictive control by {}, {} and {}.",
+            lambda: tuple(in_cell(cell, f"{agent} - rules")[0] for agent in ("ppo", "mpc") for cell in ("price-0.5", "centre", "price-2")),
+        ),
+        (
+            "Where violations cost half, it leads them by {}, and where they cost twice as much by {}.",
+            lambda: tuple(in_cell(f"price-{one}", "mpc - rules")[0] for one in ("0.5", "2")),
+        ),
         ("in the centre; predictive control leads them by {}.", lambda: in_cell("house-2", "mpc - rules")[:1]),
         (
             "Without a forecast predictive control leads the rules by {}, with a perfect one by {}.",
@@ -1457,6 +1466,10 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "PPO without memory (from {} to {} EUR/m², test split)",
             lambda: tuple(in_cell(one, "mpc - ppo")[0] for one in ("centre", "draw-step")),
+        ),
+        (
+            "twice as much, PPO without memory leads the rules by {} instead of {}.",
+            lambda: tuple(in_cell(cell, "ppo - rules")[0] for cell in ("price-2", "centre")),
         ),
         (
             "forecast is worth {} EUR/m² to predictive control, a perfect one {} more;",
