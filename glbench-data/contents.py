@@ -1,8 +1,8 @@
 """Which of the checkout's data goes into which wheel, for the build hooks of both.
 
 ``glbench-data`` holds all baselines, all released results and the pictures of glbench.vision. ``glbench`` holds what its commands need
-without it: every released result but those of the suites transfer and paper-code, and every baseline but large policies, plans and
-recordings. It also holds the digest of the data that belong to it, and what it lacks of them.
+without it: every released result but those of the suites transfer and paper-code, and every baseline but large policies and plans. It also
+holds the digest of the data that belong to it, and what it lacks of them.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Any
 
 FOLDERS = {"baselines": "baselines", "reports/released/results": "reports/released/results", "images": "glbench-data/images"}
 """Names of the data folders, and where they are in a checkout."""
-LARGEST_POLICY = 30 * 1024
-"""Size of a baseline's policies, plans or recordings from which on they are only in ``glbench-data`` [bytes]."""
+LARGEST_POLICY = 90 * 1024
+"""Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
 ELSEWHERE = ("reports/released/results/Transfer-*", "reports/released/results/Schiphol2010Code-*")
 BESIDE = ("*.profile.json.gz", *ELSEWHERE, "images/*")
 """Files of results that are only in ``glbench-data``: profiles, from which the report draws days, the suites transfer and paper-code

@@ -84,7 +84,7 @@ def test_what_is_no_plan_is_refused(drawn: TaskSpec, tmp_path: Path) -> None:
     (tmp_path / "cut.npz").write_bytes(book.to_bytes()[:-40])
     (tmp_path / "text.npz").write_text("plans")
     np.savez(tmp_path / "other.npz", format=np.int64(9))
-    for name, reason in {"cut": "damaged", "text": "damaged", "other": "has format 9", "missing": "No such file"}.items():
+    for name, reason in {"cut": "damaged", "text": "damaged", "other": "has format 9", "missing": "There is no "}.items():
         with pytest.raises(SubmissionError, match=reason):
             read_book(tmp_path / f"{name}.npz")
 

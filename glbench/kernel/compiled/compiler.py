@@ -40,12 +40,12 @@ class Compiler:
     def flags(self, width: int | None = None, level: str | None = None) -> tuple[str, ...]:
         """Flags for a library of this machine, or of all machines of a ``level`` (``"x86-64-v3"``); ``width`` forces the lanes.
 
-        A library for a level brings its own C++ runtime, so that it loads on systems with an older one.
+        A library for a level brings what it needs of the C++ runtime, so that it loads on systems with an older one.
         """
         x86 = platform.machine() in {"x86_64", "AMD64"}
         native = "-march=native" if x86 else "-mcpu=native"
         tune = native if level is None else f"-march={level}"
-        runtime = () if level is None else ("-static-libstdc++", "-static-libgcc", "-s")
+        runtime = () if level is None else ("-static-libstdc++", "-static-libgcc", "-s", "-Wl,--exclude-libs,ALL", "-Wl,--gc-sections")
         lanes = () if width is None else (f"-DGLB_WIDTH={width}",)
         of_gcc = () if "clang" in self.version else _IN_ORDER + (_TUNED if x86 else ())
         return (
