@@ -10,6 +10,7 @@ import pytest
 
 from glbench.agents.plans import PlanFolder
 from glbench.bounds import submitting
+from glbench.cli import bound as bound_command
 from glbench.tasks import get_task
 from tests.cli.command_line import Command
 
@@ -23,6 +24,7 @@ def test_a_search_of_two_runs_and_again(glbench: Command) -> None:
     assert "seed 3: reward" in first.err
     assert "Mean reward of 2 runs" in first.out
     assert sorted(file.name for file in Path("runs/bound/Day-v1").iterdir()) == ["3.npz", "4.npz", "card.toml"]
+    assert "each file says from which agent's actions, and in how many iterations" in Path("runs/bound/Day-v1/card.toml").read_text()
     again = glbench(*line)
     assert "0 to plan" in again.err
     assert again.out == first.out
@@ -34,6 +36,16 @@ def test_a_search_of_two_runs_and_again(glbench: Command) -> None:
     assert played.code == 0, played.err
     mean = json.loads(played.out)["summary"]["mean"]["reward"]
     assert f"Mean reward of 2 runs: {mean:,.3f}" in first.out
+
+
+@pytest.mark.usefixtures("here")
+def test_an_interrupted_search_says_how_many_plans_it_kept(glbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bound_command, "_plans", stop)
+    stopped = glbench("bound", "day.toml", "--scenario", "3", "--iterations", "1", "--start", "steady.py")
+    assert "0 plans kept. Run the same command again to continue." in stopped.err
 
 
 @pytest.mark.usefixtures("here")

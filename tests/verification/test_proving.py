@@ -94,11 +94,12 @@ def test_the_number_of_workers_changes_nothing(day_task, write_agent, tmp_path):
     assert verify(result_path(tmp_path, day_task.id, "agent_under_test"), workers=2).exactness == "bits"
 
 
-def test_fewer_runs_than_the_task_asks_for_are_reproduced_as_a_trial(day_task, write_agent, tmp_path):
-    evaluate(day_task, write_agent(GOOD), out=tmp_path, runs=2)
+@pytest.mark.parametrize(("runs", "words"), [(1, "trial of 1 run from"), (2, "trial of 2 runs from")])
+def test_fewer_runs_than_the_task_asks_for_are_reproduced_as_a_trial(runs, words, day_task, write_agent, tmp_path):
+    evaluate(day_task, write_agent(GOOD), out=tmp_path, runs=runs)
     verdict = verify(result_path(tmp_path / TRIALS, day_task.id, "agent_under_test"))
     assert verdict.outcome == "reproduced"
-    assert "trial of 2 runs" in verdict.notes[0]
+    assert words in verdict.notes[0]
 
 
 def test_metrics_of_another_version_are_not_vouched_for(wavy):
