@@ -56,6 +56,11 @@ def _id_in(path: Path, _changed: int, _size: int) -> object:
     return tomllib.loads(path.read_text(encoding="utf-8")).get("id")
 
 
+def task_argument(task_id: str) -> str:
+    """What names a task in a command: its id or, where glbench has none of that id, a file."""
+    return task_id if task_id in task_ids() else "FILE.toml"
+
+
 def register_tasks() -> None:
     """Make the shipped tasks known to Gymnasium, for ``make`` and ``make_vec``; a second call changes nothing.
 

@@ -205,13 +205,13 @@ class LettucePlanner:
         sun, outside, vapour, co2 = rows[:, 7:].reshape(*weather.shape[:2], len(_OUTSIDE)).transpose(2, 0, 1)
         weather[..., :4] = np.stack([sun, outside, vapour_pressure(outside, vapour), co2 * 1e6], axis=-1)
         solver, start, bounds, width = self._problem
-        for run, plan in enumerate(self._plans):
+        for run in np.flatnonzero(np.isfinite(rows).all(axis=1)):  # without a reading the plan before goes on
             parameters = np.concatenate([states[run], controls[run], weather[run].ravel(), outlook])
-            solution = np.asarray(solver(x0=start(plan.T, parameters), p=parameters, **bounds)["x"]).ravel()
+            solution = np.asarray(solver(x0=start(self._plans[run].T, parameters), p=parameters, **bounds)["x"]).ravel()
             steps = solution[:-width].reshape(self._horizon, -1)
-            if np.isfinite(steps).all():  # otherwise the plan before goes on
-                plan[:], self._vapour[run] = steps[:, width : width + len(_CONTROLS)], solution[steps.shape[1] + 3] * _SCALES[3]
-        actions: Floats = np.clip((self._plans[:, 0] - controls) / self._max_change, -1.0, 1.0)
+            if np.isfinite(steps).all():
+                self._plans[run], self._vapour[run] = steps[:, width : width + len(_CONTROLS)], solution[steps.shape[1] + 3] * _SCALES[3]
+        actions: Floats = np.nan_to_num(np.clip((self._plans[:, 0] - controls) / self._max_change, -1.0, 1.0))
         self._plans = np.concatenate([self._plans[:, 1:], self._plans[:, -1:]], axis=1)
         return actions
 

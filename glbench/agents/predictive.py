@@ -20,6 +20,7 @@ from glbench.arrays import Floats
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
 from glbench.errors import GlbenchError, SubmissionError, UnknownNameError, did_you_mean, refuse
+from glbench.quantities import AIR
 from glbench.resources import data_folder, write_atomically
 from glbench.settings import Table, read_settings
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 
 _Count = Annotated[int, Field(ge=1, le=10_000)]
-_Margin = Annotated[float, Field(ge=0.0)]
 
 PREDICTIVE_BASELINES = ("mpc", "mpc_greenhouse", "mpc_energy")
 """The shipped settings of the controller "mpc": each has end values for models of its own."""
@@ -50,7 +50,7 @@ class PredictiveSettings(Table):
     first_iterations: _Count
     ascent_steps: _Count
     renew_every: _Count
-    margin: dict[str, _Margin]
+    margin: dict[str, Annotated[float, Field(ge=0.0)]]
     end_values: dict[str, dict[str, Any]]
     sees: tuple[str, ...] | None = None
     parameters: str | None = None
@@ -76,7 +76,7 @@ class PredictiveSettings(Table):
     def controller(self, task: TaskSpec) -> PredictiveController:
         """A controller for a task. Raises ``SubmissionError`` as for ``check``, or when it cannot be planned for."""
         self.check(task)
-        limited = dict(task.constraints.items())
+        unlimited = AIR.keys() - dict(task.constraints.items())  # a name that is none of the air is refused
         try:
             return PredictiveController(
                 task,
@@ -84,7 +84,7 @@ class PredictiveSettings(Table):
                 iterations=self.iterations,
                 first_iterations=self.first_iterations,
                 end_value=EndValue.read(self.end_value(task) or {}),
-                margin={name: margin for name, margin in self.margin.items() if name in limited},
+                margin={name: margin for name, margin in self.margin.items() if name not in unlimited},
                 ascent_steps=self.ascent_steps,
                 renew_every=self.renew_every,
             )

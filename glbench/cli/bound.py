@@ -221,7 +221,7 @@ def dispatch(
     ],
     run: Annotated[list[int] | None, typer.Option("--run", help="Seed of a run to compare; repeatable. Default: all runs.")] = None,
     buffer: Annotated[
-        float | None, typer.Option("--buffer", min=0, help="Try a buffer of this size [MJ m-2]. Default: the task's.")
+        float | None, typer.Option("--buffer", min=0, max=1e3, help="Try a buffer of this size [MJ m-2]. Default: the task's.")
     ] = None,
     round_file: options.RoundFile = None,
     as_json: options.AsJson = False,
@@ -255,7 +255,7 @@ def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | N
 
     several = len(costs) > 1
     numbers = ("Cost", *(("Range",) if several else ()), "Saved")
-    size = "" if buffer is None else f"; all rows but the first with a buffer of {buffer:g} MJ/m2"
+    size = "" if buffer is None else f"; a buffer, except in the first row, of {buffer:g} MJ/m2"
     runs = f"mean of {len(costs)} runs" if several else "one run"
     caption = f"EUR/m2, {runs}; saved: relative to what the runs paid{size}"
     view = console.table(f"Energy and CO2 of {name}", "", *numbers, numbers=numbers, caption=caption)

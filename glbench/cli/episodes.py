@@ -194,10 +194,12 @@ def recording(
 ) -> None:
     """Make an agent that replays the recorded actions of one run, open loop: what it loses is the value of feedback."""
     from glbench.evaluation.saving import write_recording
+    from glbench.registration import task_argument
 
     actions = write_recording(result, run, out)
     console.write(out)
-    console.tell(f"{len(actions.actions)} steps of {actions.about['agent']}. Next: glbench evaluate {console.quoted(out)}")
+    next_command = f"glbench evaluate {console.quoted(out)} --task {task_argument(str(actions.about['task']))}"
+    console.tell(f"{len(actions.actions)} steps of {actions.about['agent']}. Next: {next_command}")
 
 
 app.command()(dispatch)

@@ -152,7 +152,7 @@ def _season(task: TaskSpec, outcome: Outcome) -> Iterator[console.Part]:
     from glbench.quantities import MONEY
 
     headings = ("", "Amount", "Unit", "Money")
-    title = f"{task.weather.days} days, mean of {outcome.runs} {outcome.split} seasons with the rules [Money: {MONEY}]"
+    title = f"{console.count(task.weather.days, 'day')}, mean of {outcome.runs} {outcome.split} seasons with the rules [Money: {MONEY}]"
     view = console.table(title, *headings, numbers=("Amount", "Money"))
     for item in task.ledger.items:
         amount, money = outcome.sums[item.amount], item.sign * round(outcome.sums[item.name], 2)

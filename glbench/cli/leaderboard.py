@@ -15,7 +15,7 @@ from rich.cells import cell_len
 from glbench.cli import console, options
 from glbench.cli.console import Markup, plain, styled
 from glbench.cli.options import REPORTS
-from glbench.errors import GlbenchError, ResultError, did_you_mean, refuse
+from glbench.errors import ResultError, did_you_mean, refuse
 from glbench.resources import where_results_are, write_atomically
 from glbench.untrusted import visible
 
@@ -69,7 +69,7 @@ def leaderboard(
     expected, suites = published_expectations(), list_suites()
     for name in suite:
         if name not in suites:
-            refuse(f"There is no suite '{name}'.{did_you_mean(name, suites)} There are: {', '.join(suites)}.", ResultError)
+            refuse(f"There is no suite '{name}'.{did_you_mean(name, suites)}", ResultError)
     tables = rank(stored if write or show_all or suite else _of_boards(stored, names), expected)
     if sealed is not None:
         from glbench.leaderboard.ranking import with_late_entries
@@ -129,8 +129,7 @@ def badge(
     from glbench.leaderboard.tables import badge as draw
     from glbench.tasks import DEFAULT_TASK, usual_task
 
-    if file.suffix != ".svg":
-        refuse(f"{file} should end with .svg.", GlbenchError)
+    options.check_file(file, ".svg")
     options.check_folder(out)
     stored, problems = own_and_released_results(out)
     options.warn_of(problems)

@@ -105,6 +105,16 @@ def check_new(file: Path, *, replace: bool) -> None:
         refuse(f"{file} exists already. Choose another name with --out, or replace it with --replace.", GlbenchError)
 
 
+def check_file(file: Path | None, ending: str) -> None:
+    """Refuse a file to write, before the work, that has another ending or no folder that can be written to, with a ``GlbenchError``."""
+    from glbench.evaluation.files import ensure_writable
+
+    if file is not None:
+        if file.suffix != ending or file.is_dir():
+            refuse(f"{file} should end with {ending}{', and is a folder' * file.is_dir()}.", GlbenchError)
+        ensure_writable(file.parent)
+
+
 def round_of(file: Path | None) -> Round | None:
     """The round that ``--round`` names, if any. Errors as for ``glbench.tasks.read_round``."""
     if file is None:
@@ -167,8 +177,7 @@ def find_results(name: str, tasks: Sequence[str], reports: Path) -> list[StoredR
     selection = [item for item in results if {item.result.task.id, item.result.task.id.rpartition("/")[2]} & {*tasks}]
     if not selection:
         others = [item.result.task.id.rpartition("/")[2] for item in results]
-        near = did_you_mean(tasks[0].rpartition("/")[2], others)
-        refuse(f"'{name}' has no result on {', '.join(tasks)}.{near} It has: {', '.join(others)}.", ResultError)
+        refuse(f"'{name}' has no result on {', '.join(tasks)}. It has: {', '.join(others)}.", ResultError)
     return selection
 
 

@@ -13,7 +13,7 @@ import typer
 from glbench.cli import console
 from glbench.cli.console import plain
 from glbench.cli.console import show as show_view
-from glbench.cli.options import REPORTS, AsJson, OneTask, Out, Workers, is_file, result_file, warn_of
+from glbench.cli.options import REPORTS, AsJson, OneTask, Out, Workers, check_file, is_file, result_file, task_or_default, warn_of
 from glbench.errors import ResultError, refuse
 from glbench.extras import require
 from glbench.resources import data_package, how_to_get_data, is_released, write_atomically
@@ -56,7 +56,7 @@ def report(
             "publish the tables of glbench leaderboard --write."
         )
     size = path.stat().st_size / 1e6
-    console.write(f"{path} ({page.results} results, {size:.1f} MB)")
+    console.write(f"{path} ({console.count(page.results, 'result')}, {size:.1f} MB)")
     package = data_package()
     elsewhere = package is not None and package.folder is None
     if elsewhere:
@@ -136,8 +136,12 @@ def story(
         refuse("--open opens the page that --page FILE.html writes: give it, too.", ResultError)
     if page is not None:
         require("--page", "report", "jinja2")
+        check_file(page, ".html")
     result = result_file(agent, task)
-    other = _other(result, load_result(result), against)
+    loaded = load_result(result)
+    if task is not None and loaded.task.id != task_or_default(task).id:
+        refuse(f"{result} is a result of {loaded.task.id}, and --task asks for {task}. Leave --task out.", ResultError)
+    other = _other(result, loaded, against)
     with console.messages().status("simulating both again"):
         differences = tell_story(result, other, workers or os.cpu_count() or 1)
 
@@ -159,6 +163,7 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
     from glbench.agents.energy_rules import POWER
     from glbench.evaluation.evaluation import TRIALS, VALIDATION
     from glbench.evaluation.saving import task_of_result
+    from glbench.registration import task_argument
 
     if against is not None and is_file(against):
         return Path(against)
@@ -175,7 +180,7 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
     here = sorted(one.stem for one in path.parent.glob("*.json") if "." not in one.stem and one != path)
     msg = (
         f"There is no result {other} to tell {path.name} against. Make it, with the same seeds: "
-        f"glbench evaluate {against} --task {result.task.id} --seed {seeds[0]} --runs {len(seeds)}{where}, "
+        f"glbench evaluate {against} --task {task_argument(result.task.id)} --seed {seeds[0]} --runs {len(seeds)}{where}, "
         f"or give another: --against {' or '.join(here) if here else 'RESULT.json'}."
     )
     raise ResultError(msg)

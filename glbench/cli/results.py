@@ -102,7 +102,7 @@ def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[consol
     words = catalogue_of(stored.task, result.units)
     score = _score(stored, words)
     yield summary_table(result, words)
-    yield console.Line(Markup(f"\n[bold]Where the money went[/] (mean of {len(result.runs)} runs)"), wrap="always")
+    yield console.Line(Markup(f"\n[bold]Where the money went[/] (mean of {console.count(len(result.runs), 'run')})"), wrap="always")
     for line in money_lines(result, words):
         yield console.Line(line, wrap="always")
     if score.name in result.runs[0].metrics:
@@ -222,7 +222,7 @@ def summary_table(result: Result, words: Catalogue) -> console.Table:
             metric = words.metric(METRICS[part], result.units)
             view.add(LINES[part], unit_of(metric), *cells(getattr(regret, part), metric))
         if regret.runs < len(result.runs):
-            view.caption = f"{view.caption} Regrets are means over the {regret.runs} runs that have a best known one."
+            view.caption = f"{view.caption} Regrets are means over the {console.count(regret.runs, 'run')} that have a best known one."
     view.end_section()
     evaluation = result.evaluation
     view.add("Decision, each step", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")

@@ -13,7 +13,7 @@ import typer
 
 from glbench.cli import console
 from glbench.cli.console import Markup, plain, styled
-from glbench.cli.options import AsJson
+from glbench.cli.options import AsJson, check_file
 from glbench.cli.progress import Bar, status_bar
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def bench(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The most telling measurements only, in half a minute.")] = False,
     rounds: Annotated[int, typer.Option(min=1, help="How often each is set against the reference.")] = 7,
-    out: Annotated[Path | None, typer.Option(help="Save the figures as JSON in this file.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Save the figures in this file (.json).")] = None,
 ) -> None:
     """Measure how fast the model steps on this machine, as ratios to CVODES measured in the same run.
 
@@ -44,11 +44,9 @@ def bench(
     """
     from rich.progress import MofNCompleteColumn
 
-    from glbench.evaluation.files import ensure_writable
     from glbench.speed import choose_subjects, measure, save_record
 
-    if out is not None:
-        ensure_writable(out.parent)
+    check_file(out, ".json")
     subjects = choose_subjects(what or (), quick=quick)
     with status_bar("compiling model and reference", len(subjects), MofNCompleteColumn()) as update:
 
@@ -72,7 +70,7 @@ def speed_parts(record: SpeedRecord) -> Iterator[console.Part]:
     yield console.Line(Markup(f"{name} on {plain(where)}"), wrap="always")
     how = f"backend {record.kernel['backend']}" + (f", {lanes:.0f} lanes, {record.kernel['compiler']}" if lanes else "")
     yield console.Line(f"Kernel: {how}", wrap="always")
-    yield console.Line(f"Reference: {record.reference}; {record.rounds} rounds in turn", wrap="always")
+    yield console.Line(f"Reference: {record.reference}; {console.count(record.rounds, 'round')} in turn", wrap="always")
     numbers = ("us a step", "steps/s", "x CVODES", "range")
     for group, title in GROUPS.items():
         view = console.table(title, "", *numbers, numbers=numbers, pad_edge=False)
@@ -206,7 +204,7 @@ def validate(
             def update(house: House, day: int, days: int) -> None:
                 bar.move(houses.index(house) * days + day, words=house.name)
                 if day == days and not bar.on_terminal:
-                    console.tell(f"{house.name}: {days} days simulated")
+                    console.tell(f"{house.name}: {console.count(days, 'day')} simulated")
 
             comparison, seasons = realism.compare(archive, houses, page, own_set_points=by == "set-points", warmer=warmer, progress=update)
         parts.append(comparison_parts(comparison))

@@ -230,7 +230,7 @@ def tune_rules(
     names = ", ".join(one.id for one in tasks)
     folder = out or Path("runs") / f"rules-{'-'.join(one.short_id for one in tasks)}-seed{seed}"
     generations = settings.generations(tasks)
-    words = f"{generations} generations of {settings.population} candidates, a run of each task for each, seed {seed}"
+    words = f"{console.count(generations, 'generation')} of {settings.population} candidates, a run of each task for each, seed {seed}"
     console.tell(Markup(f"Tuning rules for {styled(names, 'bold')}: {words}, in {plain(folder)}"))
     steps = generations * settings.population * sum(one.steps for one in tasks)
     bar = TrainingBar(steps, tasks[0], settings.evaluation)
@@ -259,12 +259,14 @@ def tune_policy(
         from glbench.training.season_search import SearchSettings, read_season_search, search
     spec = options.task_or_default(task)
     file = real_path(policy / "policy.npz" if policy.is_dir() else policy)
+    if not file.is_file():
+        refuse(f"There is no policy file {file}. Give policy.npz, or a folder of glbench train.", TrainingError)
     settings = read_season_search(config, spec.id, file) if config else SearchSettings.of(file)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})
     folder = out or Path("runs") / f"tuned-{spec.short_id}-seed{seed}"
     runs = settings.population * settings.seasons
-    words = f"{settings.generations} generations of {runs} runs, seed {seed}, in {plain(folder)}"
+    words = f"{console.count(settings.generations, 'generation')} of {runs} runs, seed {seed}, in {plain(folder)}"
     console.tell(Markup(f"Tuning {styled(policy, 'bold')} on {styled(spec.id, 'bold')}: {words}"))
     bar = TrainingBar(settings.steps(spec), spec, settings.evaluation)
     with console.interruption("The same command with --resume continues from the last evaluation."), bar:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, print_warning, quoted, tell
-from glbench.cli.options import OneTask, result_file
+from glbench.cli.options import OneTask, check_file, result_file
 from glbench.errors import EpisodeError, refuse
 
 if TYPE_CHECKING:
@@ -62,9 +62,8 @@ def view(
     if run not in {"best", "worst", "median"} and not run.isdecimal():
         parse_selection(run)  # has messages of its own for what is no choice at all
         refuse(f"--run {run} does not choose one run of a result. It is best, worst, median, or a seed.", EpisodeError)
-    for path, ending in ((save, ".rrd"), (picture, ".png")):
-        if path is not None and path.suffix != ending:
-            refuse(f"{path} should end with {ending}.", EpisodeError)
+    check_file(save, ".rrd")
+    check_file(picture, ".png")
     with messages().status("reading the runs"):
         episodes = [_episode(result_file(name, task), run) for name in files]
         first = None if first_day is None else first_day.date()

@@ -14,7 +14,7 @@ import typer
 
 from glbench.cli import console
 from glbench.cli.console import Markup, styled
-from glbench.cli.options import AsJson, check_new, numbers_of
+from glbench.cli.options import AsJson, check_file, check_new, numbers_of
 from glbench.cli.progress import status_bar
 from glbench.errors import WeatherError, refuse
 from glbench.extras import require
@@ -256,8 +256,7 @@ def generate(
     from glbench.weather.store import write_record
 
     for path, suffix in ((out, ".parquet"), (picture, ".png")):
-        if path is not None and path.suffix != suffix:
-            refuse(f"{path} should end with {suffix}.", WeatherError)
+        check_file(path, suffix)
         if path is not None:
             check_new(path, replace=replace)
     generator = SeasonGenerator(load_weather(source), numbers_of(years, "years", _EXAMPLE))
@@ -301,7 +300,7 @@ def statistics(
     document = {**asdict(outcome), "accepted": outcome.accepted}
     if out is not None:
         write_atomically(out, json.dumps(document, indent=2, allow_nan=False) + "\n")
-    title = f"{seasons} seasons of {days} days generated from {', '.join(map(str, outcome.years))} of {source}"
+    title = f"{seasons} seasons of {console.count(days, 'day')} generated from {', '.join(map(str, outcome.years))} of {source}"
     view = console.table(title, "figure", "value", "limits", "", "the worst", numbers=("value",), fold=("figure", "the worst"))
     for figure in outcome.figures:
         verdict = styled("kept", "green") if figure.within_limits else styled("missed", "bold red")

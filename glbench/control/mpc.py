@@ -153,7 +153,7 @@ class PredictiveController:
     ) -> Floats:
         """Replan, and give the controls of the coming step.
 
-        A run whose plan cannot be improved, as its state is not finite or a step cannot be integrated, continues with the one that it has.
+        A run whose plan cannot be improved, as its state or weather is not finite or a step cannot be integrated, goes on with what it has.
 
         Raises ``ShapeError`` when a shape does not fit, or the controller has an end value and is not told the days left.
 
@@ -175,6 +175,7 @@ class PredictiveController:
             )
             raise ShapeError(msg)
         states, before, weather, parameters, dates = self._checked(x, u_before, d, p, calendar)
+        before = np.where(np.isfinite(before), before, self._before)
         steps, day = weather.shape[1], self.task.steps_per_day
         # The search begins with what is left of the plan, and behind it with what was planned a day before.
         planned, places = self._plan.shape[1], self._at + np.arange(steps)
@@ -197,8 +198,7 @@ class PredictiveController:
         self._outdated[:, :_NEXT] = self._outdated[:, max(overlap, 0) :] = True
         self._outdated[~self._renewed] = True
         self._renewed[:] = False
-        usable = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
-        rows = np.flatnonzero(usable)
+        rows = np.flatnonzero(np.isfinite(states).all(axis=1) & np.isfinite(weather).all(axis=(1, 2)))
 
         def improve(plan: Floats, iterations: int, schedule: Schedule | None = None) -> None:
             for first in range(0, len(rows), _TOGETHER):

@@ -24,7 +24,7 @@ from glbench.evaluation.checkpoint import discard
 from glbench.evaluation.files import SavingError, ensure_writable, load_result, result_path, save_result, short_task_id
 from glbench.evaluation.profiles import profile_path, profiled
 from glbench.evaluation.records import RecordReference, Result, RunResult
-from glbench.registration import task_ids
+from glbench.registration import task_argument, task_ids
 from glbench.resources import write_atomically
 from glbench.tasks import Round, TaskSpec, get_task, task_card
 
@@ -283,7 +283,7 @@ def write_recording(result: Path, seed: int, folder: Path) -> Recording:
         "settings": ACTIONS_FILE,
         "description": f"The actions that {agent.name} took in the run with seed {seed} of {loaded.task.id}, replayed without looking at "
         f"any observation. What it earns beside {agent.name} tells what feedback is worth there.",
-        "made": f"glbench evaluate {agent.name} --task {loaded.task.id} --seed {seed} --runs 1, then "
+        "made": f"glbench evaluate {agent.name} --task {task_argument(loaded.task.id)} --seed {seed} --runs 1, then "
         f"glbench episodes recording RESULT --run {seed}",
     }
     # A string of JSON is one of TOML; names come from a result, which may be a stranger's.

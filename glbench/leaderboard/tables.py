@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from glbench.agents.naming import without_seed
-from glbench.errors import ResultError, did_you_mean, refuse
+from glbench.errors import ResultError, refuse
 from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_published
 from glbench.leaderboard.entries import resolution_of
 from glbench.leaderboard.fresh_draws import fresh_note
@@ -91,7 +91,7 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     tasks = [table.task for table in tables] or [None]
     meanings = {(task or get_task(PAPER_TASK)).ledger.meaning.rpartition(": ")[2] for task in tasks}
     profit = meanings.pop() if len(meanings) == 1 else ""
-    priced = {_prices_violations(table) for table in tables} or {False}
+    priced = {one.units.get(PENALTY) == MONEY if one.task is None else bool(one.task.violation_prices) for one in tables} or {False}
     units = " ".join(words for words, is_priced in _UNITS if is_priced in priced)
     name = "Profit" if priced == {True} else "EPI"
     rows = [row for table in tables for row in table.rows]
@@ -107,11 +107,6 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     if any(resolution_of(table.metric, table.task, table.units) for table in tables) or not tables:
         notes.insert(RESOLUTION_PLACE, RESOLUTION_NOTE)
     return [*notes, *extra]
-
-
-def _prices_violations(table: TaskTable) -> bool:
-    """Whether violations have prices; on a task that is not known, as its results say."""
-    return table.units.get(PENALTY) == MONEY if table.task is None else bool(table.task.violation_prices)
 
 
 def has_regret(table: TaskTable) -> bool:
@@ -956,7 +951,7 @@ def badge(table: TaskTable, agent: str) -> str:
     row = next((one for one in table.rows if one.agent == agent), None)
     if row is None:
         agents = [visible(one.agent) for one in table.rows]
-        refuse(f"'{agent}' is not in the table of {table.task_id}.{did_you_mean(agent, agents)} It has: {', '.join(agents)}.", ResultError)
+        refuse(f"'{agent}' is not in the table of {table.task_id}. It has: {', '.join(agents)}.", ResultError)
     ranked = sum(one.rank is not None for one in table.rows)
     rank = f"rank {row.rank} of {ranked}" if row.rank is not None else "not ranked"
     mean, metric = row.means.get(table.metric), table.words.metrics[table.metric]

@@ -104,7 +104,8 @@ def embedded_profile(profile: Profile, task: TaskSpec | None, named: TaskRecord)
         for part, columns in document.get("energy", {}).items()
     }
     library = None if task is None else task.picture_library
-    pictures = [_as_address(library.content(scene)) for scene in document.get("pictures", [])] if library is not None else []
+    contents = map(library.content, document.get("pictures", [])) if library is not None else ()
+    pictures = [f"data:image/webp;base64,{base64.b64encode(content).decode('ascii')}" for content in contents]
     return {
         **({"energy": energy} if energy else {}),
         **({"pictures": pictures} if pictures else {}),
@@ -128,11 +129,6 @@ def _start_of_worst(profile: Profile, task: TaskSpec | None, named: TaskRecord) 
         return first_day(scored, profile.document["seeds"]["worst"]).isoformat()
     except GlbenchError:
         return None
-
-
-def _as_address(picture: bytes) -> str:
-    """A picture's file as an address that holds it."""
-    return f"data:image/webp;base64,{base64.b64encode(picture).decode('ascii')}"
 
 
 def _columns(part: str, drawn_of: Mapping[str, frozenset[str]], columns: Mapping[str, Any]) -> dict[str, Any]:

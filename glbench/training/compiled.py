@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,8 @@ import numpy as np
 
 from glbench.agents.network_policy import FAST, Actor, ActorAgent, Gru, NetworkPolicy
 from glbench.errors import ShapeError, TrainingError
-from glbench.resources import signal_handlers_kept, write_atomically
+from glbench.kernel.cvodes import signals_wait
+from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, task_card
 from glbench.training.card import POLICY, TrainingFacts, policy_in, start_of, training_table
 from glbench.training.compiled_settings import NAME, CompiledSettings, in_view
@@ -23,7 +22,6 @@ from glbench.training.learner import Learner, Learning
 from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult
 from glbench.training.session import Arrays, Session
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _ROLLOUTS = 100  # The statistics of a policy to start from count as this many rollouts
 _CONSTANT = 1e-4  # A column whose spread is less than this share of its mean counts as constant
 
@@ -71,7 +69,7 @@ class _Training(Session):
         return self.updates * self.settings.rollout
 
     def advance(self) -> float:
-        with _signals_wait():
+        with signals_wait():  # for the end of an update, a fraction of a second: a process that ends within one may crash
             return self.update() * self.task.steps
 
     def update(self) -> float:
@@ -164,16 +162,3 @@ class _Training(Session):
                 **({} if settings.view is None else {"view": list(settings.view), "columns_in_view": columns}),
             },
         )
-
-
-@contextmanager
-def _signals_wait() -> Iterator[None]:
-    """Ctrl-C and its like wait for the end of an update, a fraction of a second: a process that ends within one may crash."""
-    waiting: list[int] = []
-    with signal_handlers_kept(_SIGNALS) as handlers:
-        for number, handler in handlers.items():
-            if callable(handler):
-                signal.signal(number, lambda arrived, _frame: waiting.append(arrived))
-        yield
-    for arrived in waiting:
-        signal.raise_signal(arrived)

@@ -154,3 +154,26 @@ def test_the_end_value_of_the_baseline_fits_its_model() -> None:
     worth = value(shipped_weather("LettuceClassic-Delta00-v1"), 0.0, [0.0, 40.0])
     assert worth[0, 0] == pytest.approx(22.285125, rel=0.05)  # the price of dry weight
     assert worth[1, 0] > worth[0, 0]
+
+
+@pytest.mark.parametrize("column", ["dry_weight", "heating", "global_radiation_ahead_1"])
+def test_a_planner_without_a_reading_goes_on_with_its_plan(task: TaskSpec, column: str) -> None:
+    place, seeds = [one.name for one in task.observed()].index(column), range(2)
+    simulation, agent, twin = Simulation(task, 2), LettucePlanner(SHORT()), LettucePlanner(SHORT())
+    observations = simulation.reset(seeds)
+    for one in (agent, twin):
+        one.reset(task_card(task), 2)
+    first, expected = agent.act(observations), twin.act(observations)
+    assert np.array_equal(first, expected)
+    observations, planned = simulation.step(first).observations, agent._plans[0, 0].copy()
+    lost = observations.copy()
+    lost[0, place] = np.nan
+    second, unharmed = agent.act(lost), twin.act(observations)
+    assert np.isfinite(second).all()
+    assert np.array_equal(second[1], unharmed[1])
+    names = [one.name for one in task.observed()]
+    now = observations[0, [names.index(name) for name in lettuce._CONTROLS]] / agent._most
+    wanted = np.clip((planned - now) / agent._max_change, -1.0, 1.0)
+    wanted[np.array(lettuce._CONTROLS) == column] = 0.0  # where the valve is was not shown: it stays
+    assert second[0] == pytest.approx(wanted, abs=1e-6)
+    assert np.isfinite(agent.act(simulation.step(second).observations)).all()

@@ -358,6 +358,7 @@ def test_the_command_shows_the_costs(results, glbench):
     assert f"{mean.least:.3f}" in least
     assert f"{mean.left:+.3f}" in least
     assert f"the buffer {mean.buffer_earns:.3f}" in answer.out
+    assert glbench("episodes", "dispatch", results["engine"], "--buffer", "inf").code == 2
     plain = json.loads(glbench("episodes", "dispatch", results["engine"], "--json", "--run", "1000").out)
     ((_, one),) = costs_of_result(results["engine"], [1000])
     assert plain == {"unit": "EUR m-2", "runs": {"1000": asdict(one)}}

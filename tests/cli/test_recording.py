@@ -21,6 +21,7 @@ def test_a_recording_of_a_run_earns_what_the_run_earned(here, glbench):
     result = here / "out/results/Day-v1/wavy.json"
     made = glbench("episodes", "recording", result, "--run", "667", "--out", "replayed")
     assert (made.code, made.out.strip()) == (0, "replayed")
+    assert "Next: glbench evaluate replayed --task FILE.toml" in " ".join(made.err.split())
     evaluated = glbench("evaluate", "replayed", "--task", "day.toml", "--out", "out")
     assert evaluated.code == 0, evaluated.err
     replayed = load_result(here / "out/results/Day-v1/replayed.json")

@@ -243,6 +243,25 @@ def test_a_run_that_cannot_be_stepped_goes_on_with_its_plan_and_leaves_the_other
     assert decided[0] != pytest.approx(start[0])
 
 
+@pytest.mark.parametrize("what", ["control", "weather"])
+def test_what_is_missing_in_one_decision_of_a_run_harms_neither_the_next_nor_other_runs(what: str) -> None:
+    task = short()
+    scenario = Scenario.of(task, SEED)
+    controller, alone = (PredictiveController(task, horizon=8, first_iterations=2) for _ in range(2))
+    controller.reset(2)
+    alone.reset(1)
+    both, p, calendar = np.tile(scenario.d[:8], (2, 1, 1)), scenario.p, scenario.calendar[:9]
+    states, before = np.tile(scenario.x0, (2, 1)), np.zeros((2, 6))
+    for decision in range(3):
+        weather, controls = both.copy(), before.copy()
+        if decision == 1:
+            (controls if what == "control" else weather)[0, 0] = np.nan
+        decided = controller.decide(states, controls, weather, p, calendar)
+        assert np.isfinite(decided).all()
+        assert decided[1].tobytes() == alone.decide(states[1:], before[1:], both[1:], p, calendar)[0].tobytes()
+        before = np.array(decided)
+
+
 def test_an_end_value_is_that_of_its_plans_and_survives_a_file() -> None:
     task = short(days=3)
     plan = plan_season(Scenario.of(task, SEED), np.tile(START, (task.steps, 1)), iterations=3)
@@ -509,6 +528,12 @@ def test_mpc_names_the_baseline_that_plans_for_the_task() -> None:
     task = get_task("GreenhouseReal-v1")
     with pytest.raises(SubmissionError, match=f"The baseline mpc_greenhouse has one for {task.model_id}"):
         PredictiveAgent(settings("mpc")).reset(task_card(task), 1)
+
+
+def test_a_misspelt_quantity_of_a_margin_is_refused() -> None:
+    wrong = settings("mpc").model_copy(update={"margin": {"relative_humidty": 1.0}})
+    with pytest.raises(SubmissionError, match=r"no limits of 'relative_humidty'.*Did you mean 'relative_humidity'"):
+        PredictiveAgent(wrong).reset(task_card(get_task("Spring-v1")), 1)
 
 
 def test_settings_that_are_none_are_refused(tmp_path: Path) -> None:

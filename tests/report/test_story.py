@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from glbench.cli.app import app
-from glbench.errors import ResultError
+from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import evaluate, load_result
 from glbench.report.story import (
     BRIGHT_DAYS,
@@ -173,8 +173,26 @@ def test_the_command_tells_the_story_and_writes_the_page(paths, tmp_path):
     assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--page", "RESULT"], "should end with .html"),
+        (["--page", "story.txt"], "should end with .html"),
+        (["--task", "Spring-v1"], "is a result of test/Days-v1, and --task asks for Spring-v1"),
+    ],
+)
+def test_the_command_refuses_before_it_simulates_and_leaves_results_alone(paths, options, words, monkeypatch):
+    monkeypatch.setattr("glbench.report.story.tell", lambda *_: pytest.fail("simulated"))
+    before = paths[0].read_bytes()
+    options = [str(paths[0]) if option == "RESULT" else option for option in options]
+    done = CliRunner().invoke(app, ["story", str(paths[0]), "--against", "lavish", *options])
+    assert isinstance(done.exception, GlbenchError)
+    assert words in str(done.exception)
+    assert paths[0].read_bytes() == before
+
+
 def test_a_missing_opponent_is_named_with_the_command_that_makes_it(paths):
     done = CliRunner().invoke(app, ["story", str(paths[0])])
     assert isinstance(done.exception, ResultError)
-    assert "glbench evaluate rule_based_tuned --task test/Days-v1 --seed" in str(done.exception)
+    assert "glbench evaluate rule_based_tuned --task FILE.toml --seed" in str(done.exception), "no id of glbench: its file is named"
     assert f"--out {paths[0].parent.parent.parent}" in str(done.exception)

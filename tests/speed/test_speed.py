@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import signal
+
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from glbench.errors import ResultError, UnknownNameError
+from glbench.cli.app import app
+from glbench.errors import GlbenchError, ResultError, UnknownNameError
 from glbench.speed import SUBJECTS, choose_subjects, measure, read_record, save_record
-from glbench.speed.run import _PEAK, Comparisons, Timed, _run
-from glbench.speed.subjects import GROUPS, LARGEST_CHANGE, Subject, controls_of, points, season
+from glbench.speed.run import _PEAK, Comparisons, Reference, Timed, _run
+from glbench.speed.subjects import GROUPS, LARGEST_CHANGE, Points, Season, Subject, controls_of, points, season
 
 
 class Ticks:
@@ -106,3 +110,29 @@ def test_a_file_that_is_no_record_is_refused_with_the_command_that_makes_one(tmp
 def test_the_peak_memory_of_a_process_is_its_own_and_not_its_parents():
     held = np.ones(25_000_000)  # 200 MB that a plain interpreter does not need
     assert _run(f"{_PEAK}\nprint(peak())") < held.nbytes / 2**20 / 2
+
+
+@pytest.mark.parametrize("work", ["scattered", "season"])
+def test_an_interruption_waits_for_the_reference(work):
+    """Within CVODES it would look like a step that cannot be integrated."""
+    steps = []
+
+    def integrator(**_inputs):
+        if not steps:
+            signal.raise_signal(signal.SIGINT)
+        steps.append(1)
+        return {"xf": 0.0}
+
+    rows = np.zeros((5, 1))
+    reference = Reference(integrator, compiled=False)
+    work = reference.scattered(Points(rows, rows, rows)) if work == "scattered" else reference.season(Season(rows, rows, np.zeros(1)))
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert steps, "the step that was under way was finished"
+
+
+def test_a_folder_for_the_figures_is_refused_before_anything_is_measured(tmp_path, monkeypatch):
+    monkeypatch.setattr("glbench.speed.measure", lambda *_, **__: pytest.fail("measured"))
+    done = CliRunner().invoke(app, ["bench", "step", "--out", str(tmp_path)])
+    assert isinstance(done.exception, GlbenchError)
+    assert "should end with .json" in str(done.exception)
