@@ -57,7 +57,7 @@ def _id_in(path: Path, _changed: int, _size: int) -> object:
 
 
 def task_argument(task_id: str) -> str:
-    """What names a task in a command: its id or, where glbench has none of that id, a file."""
+    """Value of ``--task`` in a suggested command: the id of a shipped task, or the placeholder ``FILE.toml`` for any other."""
     return task_id if task_id in task_ids() else "FILE.toml"
 
 

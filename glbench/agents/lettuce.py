@@ -205,7 +205,7 @@ class LettucePlanner:
         sun, outside, vapour, co2 = rows[:, 7:].reshape(*weather.shape[:2], len(_OUTSIDE)).transpose(2, 0, 1)
         weather[..., :4] = np.stack([sun, outside, vapour_pressure(outside, vapour), co2 * 1e6], axis=-1)
         solver, start, bounds, width = self._problem
-        for run in np.flatnonzero(np.isfinite(rows).all(axis=1)):  # without a reading the earlier plan continues
+        for run in np.flatnonzero(np.isfinite(rows).all(axis=1)):  # if a reading is missing, the run keeps its plan
             parameters = np.concatenate([states[run], controls[run], weather[run].ravel(), outlook])
             solution = np.asarray(solver(x0=start(self._plans[run].T, parameters), p=parameters, **bounds)["x"]).ravel()
             steps = solution[:-width].reshape(self._horizon, -1)

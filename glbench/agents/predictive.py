@@ -76,7 +76,7 @@ class PredictiveSettings(Table):
     def controller(self, task: TaskSpec) -> PredictiveController:
         """A controller for a task. Raises ``SubmissionError`` as for ``check``, or when it cannot be planned for."""
         self.check(task)
-        unlimited = AIR.keys() - dict(task.constraints.items())  # a name that is none of the air is refused
+        unlimited = AIR.keys() - dict(task.constraints.items())  # the controller refuses names that are not in AIR
         try:
             return PredictiveController(
                 task,

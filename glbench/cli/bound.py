@@ -255,7 +255,7 @@ def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | N
 
     several = len(costs) > 1
     numbers = ("Cost", *(("Range",) if several else ()), "Saved")
-    size = "" if buffer is None else f"; a buffer, except in the first row, of {buffer:g} MJ/m2"
+    size = "" if buffer is None else f"; all rows but the first: buffer of {buffer:g} MJ/m2"
     runs = f"mean of {len(costs)} runs" if several else "one run"
     caption = f"EUR/m2, {runs}; saved: relative to what the runs paid{size}"
     view = console.table(f"Energy and CO2 of {name}", "", *numbers, numbers=numbers, caption=caption)

@@ -129,8 +129,8 @@ def badge(
     from glbench.leaderboard.tables import badge as draw
     from glbench.tasks import DEFAULT_TASK, usual_task
 
-    options.check_file(file, ".svg")
     options.check_folder(out)
+    options.check_file(file, ".svg")
     stored, problems = own_and_released_results(out)
     options.warn_of(problems)
     tables = rank(stored, published_expectations())

@@ -106,12 +106,14 @@ def check_new(file: Path, *, replace: bool) -> None:
 
 
 def check_file(file: Path | None, ending: str) -> None:
-    """Refuse a file to write, before the work, that has another ending or no folder that can be written to, with a ``GlbenchError``."""
+    """Raise ``GlbenchError`` before the work if an output file has the wrong ending, is a folder, or lies where we cannot write."""
     from glbench.evaluation.files import ensure_writable
 
     if file is not None:
-        if file.suffix != ending or file.is_dir():
-            refuse(f"{file} should end with {ending}{', and is a folder' * file.is_dir()}.", GlbenchError)
+        if file.suffix != ending:
+            refuse(f"{file} should end with {ending}.", GlbenchError)
+        if file.is_dir():
+            refuse(f"{file} is a folder. Choose another name.", GlbenchError)
         ensure_writable(file.parent)
 
 
@@ -177,7 +179,8 @@ def find_results(name: str, tasks: Sequence[str], reports: Path) -> list[StoredR
     selection = [item for item in results if {item.result.task.id, item.result.task.id.rpartition("/")[2]} & {*tasks}]
     if not selection:
         others = [item.result.task.id.rpartition("/")[2] for item in results]
-        refuse(f"'{name}' has no result on {', '.join(tasks)}. It has: {', '.join(others)}.", ResultError)
+        near = did_you_mean(tasks[0].rpartition("/")[2], others, list_few=False)
+        refuse(f"'{name}' has no result on {', '.join(tasks)}.{near} It has: {', '.join(others)}.", ResultError)
     return selection
 
 

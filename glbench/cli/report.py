@@ -136,11 +136,11 @@ def story(
         refuse("--open opens the page that --page FILE.html writes: give it, too.", ResultError)
     if page is not None:
         require("--page", "report", "jinja2")
-        check_file(page, ".html")
     result = result_file(agent, task)
     loaded = load_result(result)
     if task is not None and loaded.task.id != task_or_default(task).id:
-        refuse(f"{result} is a result of {loaded.task.id}, and --task asks for {task}. Leave --task out.", ResultError)
+        refuse(f"{result} is a result on {loaded.task.id}, but --task says {task}. Leave out --task.", ResultError)
+    check_file(page, ".html")
     other = _other(result, loaded, against)
     with console.messages().status("simulating both again"):
         differences = tell_story(result, other, workers or os.cpu_count() or 1)

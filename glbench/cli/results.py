@@ -222,7 +222,7 @@ def summary_table(result: Result, words: Catalogue) -> console.Table:
             metric = words.metric(METRICS[part], result.units)
             view.add(LINES[part], unit_of(metric), *cells(getattr(regret, part), metric))
         if regret.runs < len(result.runs):
-            view.caption = f"{view.caption} Regrets are means over the {console.count(regret.runs, 'run')} that have a best known one."
+            view.caption = f"{view.caption} Regrets are means over runs with a best known plan: {regret.runs} of {len(result.runs)}."
     view.end_section()
     evaluation = result.evaluation
     view.add("Decision, each step", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")

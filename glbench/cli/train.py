@@ -260,7 +260,7 @@ def tune_policy(
     spec = options.task_or_default(task)
     file = real_path(policy / "policy.npz" if policy.is_dir() else policy)
     if not file.is_file():
-        refuse(f"There is no policy file {file}. Give policy.npz, or a folder of glbench train.", TrainingError)
+        refuse(f"There is no policy file {file}. Give a policy.npz file or a folder made by glbench train.", TrainingError)
     settings = read_season_search(config, spec.id, file) if config else SearchSettings.of(file)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})

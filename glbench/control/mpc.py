@@ -153,7 +153,8 @@ class PredictiveController:
     ) -> Floats:
         """Replan, and give the controls of the coming step.
 
-        A run whose plan cannot be improved, as its state or weather is not finite or a step cannot be integrated, keeps the one it has.
+        A run keeps its plan if its state or weather is not finite or a step cannot be integrated. A control in force that is not finite is
+        taken to be the one before.
 
         Raises ``ShapeError`` when a shape does not fit, or the controller has an end value and is not told the days left.
 

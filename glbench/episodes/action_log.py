@@ -120,8 +120,7 @@ def log_bytes(log: ActionLog) -> bytes:
             message.actions = np.ascontiguousarray(log.actions[first:last, row].T).tobytes()
             message.rewards = np.ascontiguousarray(log.rewards[first : min(last, run.steps), row]).tobytes()
             message.final_state = log.final_states[row].tobytes() if final else b""
-            data = message.SerializeToString(deterministic=True)
-            data = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE.size - FRAME.size + len(data), channel, first + 1, time, time) + data
+            data = _framed(channel, first + 1, time, message.SerializeToString(deterministic=True))
             places[channel] = (np.array([time], np.uint64), np.array([position], np.uint64))
             messages.append(data)
             position += len(data)
@@ -200,6 +199,10 @@ def _log(content: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], numb
                 f"the run with seed {run.seed} has {counted[0, row]} of {run.actions} actions and {counted[1, row]} of {run.steps} rewards"
             )
     return ActionLog(provenance, content.attachments[TASK], runs, actions, rewards, final)
+
+
+def _framed(channel: int, sequence: int, time: int, data: bytes) -> bytes:
+    return _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE.size - FRAME.size + len(data), channel, sequence, time, time) + data
 
 
 def _unframed(chunk: bytes) -> Iterator[tuple[int, bytes]]:

@@ -79,7 +79,7 @@ def ensure_writable(folder: Path) -> None:
         os.close(handle)
         Path(name).unlink(missing_ok=True)  # who begins beside us may have cleared it away
     except OSError as error:
-        msg = f"Cannot write into {folder}: {reason_of(error)}. Nothing was computed. Choose a folder that you may write to with --out."
+        msg = f"Cannot write into {folder}: {reason_of(error)}. Nothing was computed. Choose a folder that you can write to."
         raise GlbenchError(msg) from error
 
 

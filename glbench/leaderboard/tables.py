@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from glbench.agents.naming import without_seed
-from glbench.errors import ResultError, refuse
+from glbench.errors import ResultError, did_you_mean, refuse
 from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_published
 from glbench.leaderboard.entries import resolution_of
 from glbench.leaderboard.fresh_draws import fresh_note
@@ -951,7 +951,8 @@ def badge(table: TaskTable, agent: str) -> str:
     row = next((one for one in table.rows if one.agent == agent), None)
     if row is None:
         agents = [visible(one.agent) for one in table.rows]
-        refuse(f"'{agent}' is not in the table of {table.task_id}. It has: {', '.join(agents)}.", ResultError)
+        near = did_you_mean(agent, agents, list_few=False)
+        refuse(f"'{agent}' is not in the table of {table.task_id}.{near} It has: {', '.join(agents)}.", ResultError)
     ranked = sum(one.rank is not None for one in table.rows)
     rank = f"rank {row.rank} of {ranked}" if row.rank is not None else "not ranked"
     mean, metric = row.means.get(table.metric), table.words.metrics[table.metric]

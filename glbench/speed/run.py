@@ -78,11 +78,10 @@ class Reference:
     def scattered(self, points: Points) -> Work:
         """Some of the steps of ``points``, one by one."""
         inputs = np.concatenate([points.u, points.d], axis=1)[:_STEPS]
-        states = points.x[:_STEPS]
 
         def work() -> int:
             with signals_wait():
-                for x, row in zip(states, inputs, strict=True):
+                for x, row in zip(points.x[:_STEPS], inputs, strict=True):
                     self.integrator(x0=x, p=row)
             return len(inputs)
 

@@ -69,7 +69,7 @@ class _Training(Session):
         return self.updates * self.settings.rollout
 
     def advance(self) -> float:
-        with signals_wait():  # for the end of an update, a fraction of a second: a process that ends within one may crash
+        with signals_wait():  # a process that ends during an update, a fraction of a second, may crash
             return self.update() * self.task.steps
 
     def update(self) -> float:

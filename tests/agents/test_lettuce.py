@@ -157,7 +157,7 @@ def test_the_end_value_of_the_baseline_fits_its_model() -> None:
 
 
 @pytest.mark.parametrize("column", ["dry_weight", "heating", "global_radiation_ahead_1"])
-def test_a_planner_without_a_reading_goes_on_with_its_plan(task: TaskSpec, column: str) -> None:
+def test_a_planner_keeps_its_plan_if_a_reading_is_missing(task: TaskSpec, column: str) -> None:
     place, seeds = [one.name for one in task.observed()].index(column), range(2)
     simulation, agent, twin = Simulation(task, 2), LettucePlanner(SHORT()), LettucePlanner(SHORT())
     observations = simulation.reset(seeds)
@@ -174,6 +174,6 @@ def test_a_planner_without_a_reading_goes_on_with_its_plan(task: TaskSpec, colum
     names = [one.name for one in task.observed()]
     now = observations[0, [names.index(name) for name in lettuce._CONTROLS]] / agent._most
     wanted = np.clip((planned - now) / agent._max_change, -1.0, 1.0)
-    wanted[np.array(lettuce._CONTROLS) == column] = 0.0  # where the valve is was not shown: it stays
+    wanted[np.array(lettuce._CONTROLS) == column] = 0.0  # its position is unknown, so it does not move
     assert second[0] == pytest.approx(wanted, abs=1e-6)
     assert np.isfinite(agent.act(simulation.step(second).observations)).all()

@@ -244,7 +244,7 @@ def test_a_run_that_cannot_be_stepped_goes_on_with_its_plan_and_leaves_the_other
 
 
 @pytest.mark.parametrize("what", ["control", "weather"])
-def test_what_is_missing_in_one_decision_of_a_run_harms_neither_the_next_nor_other_runs(what: str) -> None:
+def test_a_missing_value_in_one_run_harms_neither_later_decisions_nor_other_runs(what: str) -> None:
     task = short()
     scenario = Scenario.of(task, SEED)
     controller, alone = (PredictiveController(task, horizon=8, first_iterations=2) for _ in range(2))
@@ -256,7 +256,10 @@ def test_what_is_missing_in_one_decision_of_a_run_harms_neither_the_next_nor_oth
         weather, controls = both.copy(), before.copy()
         if decision == 1:
             (controls if what == "control" else weather)[0, 0] = np.nan
+        planned = controller.plan[0, 0] if decision else None
         decided = controller.decide(states, controls, weather, p, calendar)
+        if decision == 1 and what == "weather":
+            assert decided[0].tobytes() == np.asarray(planned).tobytes(), "the run follows the plan that it had"
         assert np.isfinite(decided).all()
         assert decided[1].tobytes() == alone.decide(states[1:], before[1:], both[1:], p, calendar)[0].tobytes()
         before = np.array(decided)
@@ -530,7 +533,7 @@ def test_mpc_names_the_baseline_that_plans_for_the_task() -> None:
         PredictiveAgent(settings("mpc")).reset(task_card(task), 1)
 
 
-def test_a_misspelt_quantity_of_a_margin_is_refused() -> None:
+def test_a_margin_of_a_misspelt_quantity_is_refused() -> None:
     wrong = settings("mpc").model_copy(update={"margin": {"relative_humidty": 1.0}})
     with pytest.raises(SubmissionError, match=r"no limits of 'relative_humidty'.*Did you mean 'relative_humidity'"):
         PredictiveAgent(wrong).reset(task_card(get_task("Spring-v1")), 1)

@@ -223,7 +223,7 @@ def test_a_folder_that_cannot_be_written_is_found_out_before_the_run(day_task: T
     in_the_way.write_text("a file, not a folder", encoding="utf-8")
     steps: list[Progress] = []
 
-    with pytest.raises(GlbenchError, match=r"Cannot write into .*reports.*--out"):
+    with pytest.raises(GlbenchError, match=r"Cannot write into .*reports.*that you can write to"):
         evaluate(day_task, write_agent(), out=in_the_way, progress=steps.append)
     assert not steps
 

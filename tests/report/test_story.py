@@ -178,7 +178,7 @@ def test_the_command_tells_the_story_and_writes_the_page(paths, tmp_path):
     [
         (["--page", "RESULT"], "should end with .html"),
         (["--page", "story.txt"], "should end with .html"),
-        (["--task", "Spring-v1"], "is a result of test/Days-v1, and --task asks for Spring-v1"),
+        (["--task", "Spring-v1"], "is a result on test/Days-v1, but --task says Spring-v1"),
     ],
 )
 def test_the_command_refuses_before_it_simulates_and_leaves_results_alone(paths, options, words, monkeypatch):
@@ -194,5 +194,7 @@ def test_the_command_refuses_before_it_simulates_and_leaves_results_alone(paths,
 def test_a_missing_opponent_is_named_with_the_command_that_makes_it(paths):
     done = CliRunner().invoke(app, ["story", str(paths[0])])
     assert isinstance(done.exception, ResultError)
-    assert "glbench evaluate rule_based_tuned --task FILE.toml --seed" in str(done.exception), "no id of glbench: its file is named"
+    assert "glbench evaluate rule_based_tuned --task FILE.toml --seed" in str(done.exception), (
+        "not a shipped task, so the command asks for its file"
+    )
     assert f"--out {paths[0].parent.parent.parent}" in str(done.exception)
