@@ -102,7 +102,7 @@ def task_command(
         yield console.Line(f"Wrote {task} and {rules}. Next:", wrap="always")
         yield console.Line(f"  glbench evaluate {console.quoted(rules)} --task {console.quoted(task)}{split} --runs 4")
         yield console.Line(
-            f"  glbench tune rules --task {task} --config {rules / 'rules.yml'}"
+            f"  glbench tune rules --task {console.quoted(task)} --config {console.quoted(rules / 'rules.yml')}"
             if split and not by_computer
             else f"  glbench tasks show {console.quoted(task)}"
         )

@@ -129,7 +129,7 @@ def _parts(report: Report, path: str, task: str | None) -> Iterator[console.Part
     total = "No problems found." if report.ok else f"{count(len(report.problems), 'problem')} found."
     yield console.Line(Markup(f"[bold]{total}[/] Checked in {report.seconds:.1f} s."))
     if report.ok:
-        on = "" if task is None else f" --task {task}"
+        on = "" if task is None else f" --task {console.quoted(task)}"
         # The test scores: what is tried out belongs in the validation split, where the task has one.
         splits = task_or_default(task).splits
         has_validation = splits is not None and "validation" in splits.names
