@@ -95,7 +95,7 @@ def test_where_only_the_first_runs_have_plans_show_and_compare_say_over_which_ru
     planned = len(read_best_known("glbench/FullSeason-v1").runs)
     assert planned < len(load_result(rules).runs)
     shown = " ".join(glbench("show", rules).out.split())
-    assert f"Regrets are means over the {planned} runs that have a best known one." in shown
+    assert f"Regrets are means over runs with a best known plan: {planned} of {len(load_result(rules).runs)}." in shown
     assert f"Regrets are means over the first {planned} runs of the task; no plans are known for the others." in shown
     compared = " ".join(glbench("compare", rules, nothing).out.split())
     assert f"Regrets are means over the {planned} of these pairs that have a best known run." in compared
