@@ -76,7 +76,6 @@ class PredictiveSettings(Table):
     def controller(self, task: TaskSpec) -> PredictiveController:
         """A controller for a task. Raises ``SubmissionError`` as for ``check``, or when it cannot be planned for."""
         self.check(task)
-        unlimited = AIR.keys() - dict(task.constraints.items())  # the controller refuses names that are not in AIR
         try:
             return PredictiveController(
                 task,
@@ -84,7 +83,7 @@ class PredictiveSettings(Table):
                 iterations=self.iterations,
                 first_iterations=self.first_iterations,
                 end_value=EndValue.read(self.end_value(task) or {}),
-                margin={name: margin for name, margin in self.margin.items() if name not in unlimited},
+                margin={name: by for name, by in self.margin.items() if name not in AIR or name in dict(task.constraints.items())},
                 ascent_steps=self.ascent_steps,
                 renew_every=self.renew_every,
             )

@@ -284,7 +284,7 @@ def statistics(
     longest: Annotated[int | None, typer.Option("--longest", min=1, help="Longest block [d].")] = None,
     window: Annotated[int | None, typer.Option("--window", min=1, help="Days of the year around a block's place.")] = None,
     nearest: Annotated[int | None, typer.Option("--nearest", min=1, help="Number of best matches to draw from.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write the figures to this file (JSON).")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write the figures to this file (.json).")] = None,
     as_json: AsJson = False,
 ) -> None:
     """How well generated seasons resemble the real years, beside the limits that a generator must keep."""
@@ -293,6 +293,7 @@ def statistics(
     from glbench.weather.comparison import resemblance
     from glbench.weather.generator import Blocks
 
+    check_file(out, ".json")
     options: dict[str, Any] = {"shortest": shortest, "longest": longest, "window": window, "nearest": nearest}
     blocks = dataclasses.replace(Blocks(), **{key: value for key, value in options.items() if value is not None})
     generator = SeasonGenerator(load_weather(source), numbers_of(years, "years", _EXAMPLE), blocks)

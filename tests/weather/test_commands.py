@@ -315,6 +315,7 @@ def test_a_file_is_not_replaced_unasked_and_nothing_is_written_on_a_mistake(tmp_
     assert "'March' is no date" in refused("generate", "--start", "March", "--out", out)
     assert "should end with .png" in refused("generate", "--out", out, "--picture", tmp_path / "season.jpg")
     assert "no weather record 'shiphol'" in refused("generate", "--source", "shiphol", "--out", out)
+    assert "should end with .json" in refused("statistics", "--out", tmp_path), "before the seasons are generated"
     assert not list(tmp_path.glob("season.*"))
     run("generate", *SEASON, "--out", out)
     before = out.read_bytes()
