@@ -10,7 +10,6 @@ All arithmetic goes element by element over arrays of shape (n,), as in the tune
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -66,11 +65,6 @@ class EnergyRuleSettings(TunedRuleSettings):
     )
     engine_flue: float = number(0.1, 20.0, "-", "the same of the engine", tuned=False)
     engine_heat: float = number(0.0, 5.0, "-", "heat of the engine at full load, in full loads of the boiler", tuned=False)
-
-    @classmethod
-    def is_for(cls, scope: Sequence[str], reward: Sequence[str], task_id: str) -> bool:
-        """Whether a page for the tasks ``scope`` is for the task ``task_id``."""
-        return task_id in scope
 
 
 @controller(

@@ -5,7 +5,6 @@ All arithmetic goes element by element over arrays of shape (n,), as in the tune
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -37,11 +36,6 @@ class HarvestRuleSettings(TunedRuleSettings):
     harvest_mass: float = number(0.0, 800.0, "g", "or when heads are thought to weigh so much; 0: nobody looks at the samples")
     harvest_growth: float = number(0.0, 30.0, "g day-1", "that a head is thought to gain after it was weighed")
     harvest_sample: float = number(0.1, 1.0, "-", "part of a new sample in what is thought; the rest is what was thought before")
-
-    @classmethod
-    def is_for(cls, scope: Sequence[str], reward: Sequence[str], task_id: str) -> bool:
-        """Whether a page for the tasks ``scope`` is for the task ``task_id``."""
-        return task_id in scope
 
 
 @controller("rule_based_harvest", read=partial(read_rule_pages, kind=HarvestRuleSettings), version="1")

@@ -78,7 +78,7 @@ class PlanBook:
         return cls(
             task.id,
             task.digest,
-            _split(task),
+            task.split or "",
             tuple(action.name for action in task.actions),
             tuple(low.tolist()),
             tuple(high.tolist()),
@@ -145,8 +145,8 @@ class PlanBook:
             return "its draws are secret, and plans are made for known ones"
         if (self.task_id, self.task_digest) != (task.id, task.digest):
             return f"they are for {self.task_id} with the digest {self.task_digest[:12]}, and its digest is {task.digest[:12]}"
-        if self.split != _split(task):
-            return f"they are for the {self.split or 'only'} split, and this is the {_split(task) or 'only'} one"
+        if self.split != (task.split or ""):
+            return f"they are for the {self.split or 'only'} split, and this is the {task.split or 'only'} one"
         return None
 
     def to_bytes(self) -> bytes:
@@ -288,10 +288,6 @@ def _rounded(shares: Floats, *, carry: bool) -> NDArray[np.uint16]:
         if carry:
             rest = exact - whole
     return numbers
-
-
-def _split(task: TaskSpec) -> str:
-    return task.split or ""
 
 
 @dataclass(frozen=True, eq=False)

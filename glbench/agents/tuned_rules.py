@@ -140,8 +140,8 @@ class TunedRuleSettings(Table):
 
     @classmethod
     def is_for(cls, scope: Sequence[str], reward: Sequence[str], task_id: str) -> bool:
-        """Whether a page for ``scope`` is for a task with these reward modules."""
-        return tuple(scope) == tuple(reward)
+        """Whether a page for ``scope``, tasks or reward modules, is for the task ``task_id`` with these reward modules."""
+        return task_id in scope if cls.scope_key == "tasks" else tuple(scope) == tuple(reward)
 
 
 @dataclass(frozen=True)

@@ -36,5 +36,5 @@ def fmu(
     console.write(out)
     console.tell(
         f"{spec.id}, {spec.steps} steps of {seconds:g} s: set the communication step to {seconds:g} s. The FMU runs in tools for Linux on "
-        f"x86-64 whose Python has this glbench: pip install glbench=={__version__} there. docs/fmu.md says how, tool by tool."
+        f"x86-64 whose Python has this glbench: install glbench {__version__} there (README). docs/fmu.md says how, tool by tool."
     )

@@ -95,18 +95,20 @@ def leaderboard(
             if item.confirmed and item.board in boards:
                 name = item.result.agent.name
                 yield console.Line(f"Your own result of {name} on {item.board} is the same as the released one.", wrap="always")
+        where = "" if out == REPORTS else f" --out {console.quoted(out)}"
         hidden = len({item.board for item in stored}) - len(boards) if boards else 0
         if hidden > 0:
             have = "task has" if hidden == 1 else "tasks have"
-            yield console.aside(f"{hidden} more {have} results: glbench leaderboard --all; over a suite: --suite paper")
+            yield console.aside(f"{hidden} more {have} results: glbench leaderboard --all{where}; over a suite: --suite paper")
         if paths:
             yield console.aside("Written: " + ", ".join(str(path) for path in paths))
-        yield console.aside(f"As a page to look into: glbench report{'' if out == REPORTS else f' --out {out}'}")
+        yield console.aside(f"As a page to look into: glbench report{where}")
 
     missing = [name for name in suite if name not in {table.suite for table in aggregated}]
     hints = {name: where_results_are(suites[name]) for name in missing}
     lacks = {name: f"results here.{hint}" if hint else "both results and a best known one yet." for name, hint in hints.items()}
     notes = [f"No task of the suite '{name}' has {what}" for name, what in lacks.items()]
+    notes += ["The JSON has the tasks alone. That of suites: --suite without --task and --all."] * bool(as_json and selection and of_suites)
     console.show(
         console.View(
             chain(_parts(selection, of_suites, members=members), more()), document, notes=notes, code=int(strict and bool(problems))

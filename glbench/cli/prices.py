@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import datetime as dt
+import json
+import os
+import re
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +15,7 @@ import typer
 
 from glbench.cli import console
 from glbench.cli.options import AsJson, check_new
+from glbench.errors import TaskError, refuse
 
 app = typer.Typer(help="Read files of prices: exports of exchanges, contracts, meters.", no_args_is_help=True)
 
@@ -38,6 +43,8 @@ def import_file(
     from glbench.tasks.prices import PriceTable
 
     check_new(out, replace=replace)
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", table):
+        refuse(f"--table {table} cannot be the name of a price table. It may have letters, digits, - and _.", TaskError)
     task = None if base is None else get_task(base)
     prices = read_prices(file, unit, clock=clock, column=column, file_unit=file_unit)
     moments = [dt.datetime.fromtimestamp(second, tz=dt.UTC) for second in prices.seconds.tolist()]
@@ -45,13 +52,17 @@ def import_file(
     check = Check(prices.notes, (*prices.doubts, *doubts_of_prices(unit, series.mean, table)))
     rows = [f"{moment:%Y-%m-%dT%H:%MZ},{price!r}" for moment, price in series.series]
     write_atomically(out, "\n".join(["time,price", *rows]) + "\n")
-    lines = [] if task is None else [f'base = "{task.id}"', f'id = "mylab/{task.short_id}"', f'title = "{task.title}, own prices"']
+    lines, quote = [], partial(json.dumps, ensure_ascii=False)
+    if task is not None:
+        of = os.path.relpath(str(base), out.parent) if str(base).endswith(".toml") else task.id
+        name = f"mylab/{'Prices-' * task.id.startswith('mylab/')}{task.short_id}"
+        lines = [f"base = {quote(of)}", f"id = {quote(name)}", f"title = {quote(f'{task.title}, own prices')}"]
     old = None if task is None else task.price_tables.get(table)
     if old is not None:
         lines.append(f'without = ["price_tables.{table}"]')
     if task is not None and (old is None or old.unit != unit):
         check = Check(check.notes, (*check.doubts, f"{task.id} has no price table '{table}' in {unit}; see `glbench tasks show`."))
-    lines += [f"[price_tables.{table}]", f'unit = "{unit}"', f'file = "{out.name}"']
+    lines += [f"[price_tables.{table}]", f"unit = {quote(unit)}", f"file = {quote(out.name)}"]
 
     parts = [
         console.Line(f"{series.in_words()}, in {out}"),

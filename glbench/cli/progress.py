@@ -75,18 +75,10 @@ class Bar:
 
     def __init__(self, description: str, total: float, *columns: str, time_left: bool = False, **fields: Any) -> None:
         self.on_terminal = messages().is_terminal
+        begin = (bars.SpinnerColumn(), bars.TextColumn("{task.description}"), bars.BarColumn(), bars.TaskProgressColumn())
         rest = (bars.TimeRemainingColumn(), bars.TextColumn("left")) if time_left else ()
-        self._bar = bars.Progress(
-            bars.SpinnerColumn(),
-            bars.TextColumn("{task.description}"),
-            bars.BarColumn(),
-            bars.TaskProgressColumn(),
-            *map(bars.TextColumn, columns),
-            *rest,
-            console=messages(),
-            transient=True,
-            disable=not self.on_terminal,
-        )
+        texts = map(bars.TextColumn, columns)
+        self._bar = bars.Progress(*begin, *texts, *rest, console=messages(), transient=True, disable=not self.on_terminal)
         self._task = self._bar.add_task(description, total=total, **fields)
         self._last_drawing = 0.0
         self.wait = Wait(lambda words: self._bar.update(self._task, description=escape(words)))

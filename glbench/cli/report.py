@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli import console
+from glbench.cli import console, options
 from glbench.cli.console import plain
 from glbench.cli.console import show as show_view
 from glbench.cli.options import REPORTS, AsJson, OneTask, Out, Workers, check_file, is_file, result_file, task_or_default, warn_of
-from glbench.errors import ResultError, refuse
+from glbench.errors import ResultError, did_you_mean, refuse
 from glbench.extras import require
 from glbench.resources import data_package, how_to_get_data, is_released, write_atomically
 from glbench.untrusted import visible
@@ -43,6 +43,7 @@ def report(
     Results are read from OUT/results and from the released results that come with glbench. Nothing is simulated, but for --complete.
     """
     require("The report", "report", "jinja2", "plotly")
+    options.check_folder(out)
     from glbench.report import write_report
 
     if complete:
@@ -88,7 +89,7 @@ def _complete(out: Path, workers: int) -> None:
         console.tell(f"Made: {visible(str(path))}")
     if completion.impossible:
         console.print_warning(
-            f"{len(completion.impossible)} results stay without days and seasons, among them "
+            f"{console.count(len(completion.impossible), 'result')} cannot have days and seasons, such as "
             f"{_names([path for path, _ in completion.impossible])}. {visible(completion.impossible[0][1])} Evaluate them again with "
             "`glbench evaluate ... --fresh`, which makes profiles by itself."
         )
@@ -179,7 +180,7 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
     seeds = result.evaluation.seeds
     here = sorted(one.stem for one in path.parent.glob("*.json") if "." not in one.stem and one != path)
     msg = (
-        f"There is no result {other} to tell {path.name} against. Make it, with the same seeds: "
+        f"There is no result {other} to tell {path.name} against.{did_you_mean(against, here)} Make it, with the same seeds: "
         f"glbench evaluate {against} --task {task_argument(result.task.id)} --seed {seeds[0]} --runs {len(seeds)}{where}, "
         f"or give another: --against {' or '.join(here) if here else 'RESULT.json'}."
     )

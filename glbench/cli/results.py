@@ -412,7 +412,7 @@ def _metrics_table(pair: Pair) -> console.Table:
 
     view = console.table(
         f"{named(pair.first, pair.trainings[0])}, A, and {named(pair.second, pair.trainings[1])}, B, "
-        f"on {pair.task_id}: {pair.runs} pairs of runs",
+        f"on {pair.task_id}: {console.count(pair.runs, 'pair')} of runs",
         "Sum over the period", "Unit", "A", "B", "A - B", "95 % interval",
         numbers=("A", "B", "A - B", "95 % interval"), fold=("Sum over the period",), padding=(0, 1, 0, 0),
     )  # fmt: skip

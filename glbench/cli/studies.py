@@ -145,7 +145,7 @@ def validate(
     points in its indoor climate by those.
     """
     from glbench import realism
-    from glbench.errors import ArchiveError
+    from glbench.errors import ArchiveError, refuse
     from glbench.evaluation.files import ensure_writable
     from glbench.resources import write_atomically
 
@@ -158,6 +158,8 @@ def validate(
             realism.check_pictures()
         ensure_writable(out)
     archive = realism.read_archive(folder, page.place.clock)
+    if warmer and (agents is not None or by == "actuators" or (archive.own and by is None)):
+        refuse("--warmer shifts set points, and no set points are compared here. Leave it out, or compare --by set-points.", ArchiveError)
     if agents is not None:
         from glbench.realism.board import board
         from glbench.realism.money import read_prices
@@ -387,7 +389,7 @@ def identify(
         def update(number: int, points: float) -> None:
             bar.move(number * fitting.MOST_POINTS + points, words=f"{splits[number].fitted}, point {math.ceil(points)}; {words}")
             if not bar.on_terminal and points == int(points):
-                console.tell(f"{splits[number].fitted}: {points:.0f} points computed")
+                console.tell(f"{splits[number].fitted}: {console.count(int(points), 'point')} computed")
 
         fits = fitting.identify(problem, splits, out / "state.json", update)
     report = fitting.report_text(problem, fits, source)

@@ -99,7 +99,7 @@ def train(
     text = f"Training {styled(algorithm, 'bold')} on {styled(spec.id, 'bold')}: {words}"
     console.put_parts([console.paragraph(Markup(text), aside=True)])
     if several is not None:
-        train_with_seeds(plan.training, spec, settings, out, plan.name, several, **plan.extras)
+        train_with_seeds(plan, spec, out, several, task)
         return
 
     def consequence() -> str:
@@ -324,7 +324,7 @@ def export_policy(
         export_model(model, algorithm or "ppo", normalization, options.task_or_default(task), folder)
     size = (folder / POLICY).stat().st_size
     console.write(f"{folder / POLICY}: {size / 1000:,.0f} kB")
-    console.tell(f"Next: glbench evaluate {console.quoted(folder)}")
+    console.tell(_next(console.quoted(folder), task))
 
 
 def sweep(
@@ -350,7 +350,7 @@ def sweep(
         from glbench.training.wandb_log import wandb_sweep
     search = read_search(config)
     folder = out or Path("sweeps") / config.stem
-    words = f"{plain(search.task)}: {search.trials} trials of {search.steps:,} steps, in {plain(folder)}"
+    words = f"{plain(search.task)}: {console.count(search.total, 'trial')} of {search.steps:,} steps, in {plain(folder)}"
     parameters = plain(", ".join(search.parameters))
     console.tell(Markup(f"Searching {parameters} of {styled(search.algorithm, 'bold')} on {words}"))
     if wandb:
@@ -404,10 +404,8 @@ def executor_of(where: Where, task: TaskSpec) -> Iterator[Executor]:
             yield processes
 
 
-def train_with_seeds(
-    training: Training, task: TaskSpec, settings: Any, out: Path | None, name: str, several: tuple[list[int], Where], **extras: Any
-) -> None:
-    """Train with ``several`` seeds, each in ``out/NAME-seedSEED``, and print the outcome; ``training`` is what ``glbench train`` calls.
+def train_with_seeds(plan: Plan, task: TaskSpec, out: Path | None, several: tuple[list[int], Where], option: str | None) -> None:
+    """Train with ``several`` seeds, each in ``out/NAME-seedSEED``, and print the outcome; ``option`` is what ``--task`` was given.
 
     Raises ``typer.Exit`` with code 1 when a training failed, else 3 when one learnt nothing, 130 when interrupted.
     """
@@ -415,14 +413,16 @@ def train_with_seeds(
     from glbench.training.multi_seed import train_seeds
 
     score, place, (seeds, where) = catalogue(task).score, out or Path("runs"), several
-    folders = {seed: place / f"{name}-seed{seed}" for seed in seeds}
+    folders = {seed: place / f"{plan.name}-seed{seed}" for seed in seeds}
     policies: dict[int, Trained] = {}
     failures = 0
     stop = "Run the same command again to continue: finished seeds are kept, the rest resume from their last checkpoints."
     with console.interruption(stop), executor_of(where, task) as executor:
-        words = f"{len(folders)} seeds, {min(executor.workers, len(folders))} at a time, in {place}"
+        words = f"{console.count(len(folders), 'seed')}, {min(executor.workers, len(folders))} at a time, in {place}"
         console.put_parts([console.paragraph(words, aside=True)])
-        outcomes = train_seeds(executor, training, task, settings, folders, listeners=lambda seed: [TrainingLines(seed, score)], **extras)
+        outcomes = train_seeds(
+            executor, plan.training, task, plan.settings, folders, listeners=lambda seed: [TrainingLines(seed, score)], **plan.extras
+        )
         for seed, trained in outcomes:
             if isinstance(trained, GlbenchError):
                 failures += 1
@@ -439,7 +439,7 @@ def train_with_seeds(
         view.add(str(seed), score.number(one.best_reward), *steps, score.number(one.last_reward), remark)
     console.put_parts([view])
     if policies:
-        console.write(f"Next: glbench evaluate {console.quoted(place)}/{name}-seed*")
+        console.write(_next(f"{console.quoted(place)}/{plan.name}-seed*", option))
     if failures or any(not one.learnt for one in policies.values()):
         raise typer.Exit(1 if failures else console.NOTHING_LEARNT)
 
@@ -487,5 +487,9 @@ def _put_outcome(
     if trained.not_exported is not None:
         console.tell(f"No policy.npz was written: {trained.not_exported}")
         agent = trained.model
-    option = "" if task is None else f" --task {console.quoted(task)}"
-    console.tell(f"Next: glbench evaluate {console.quoted(agent)}{option}")
+    console.tell(_next(console.quoted(agent), task))
+
+
+def _next(agent: str, task: str | None) -> str:
+    """The command that evaluates what was made, on the task that it was made for."""
+    return f"Next: glbench evaluate {agent}" + ("" if task is None else f" --task {console.quoted(task)}")

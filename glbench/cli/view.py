@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, print_warning, quoted, tell
-from glbench.cli.options import OneTask, check_file, result_file
+from glbench.cli.options import OneTask, check_file, result_file, task_or_default
 from glbench.errors import EpisodeError, refuse
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ def view(
         episodes = [_episode(result_file(name, task), run) for name in files]
         first = None if first_day is None else first_day.date()
         course, words = replace(shown_of(episodes), first_day=first, days=days), provenance_words(episodes)
+        if task is not None and course.task.id != task_or_default(task).id:
+            refuse(f"The runs are of {course.task.id}, but --task says {task}. Leave out --task.", EpisodeError)
     if save is not None:
         save_recording(course, save, words)
         tell(f"Saved: {save}  (open it with: rerun {quoted(save)})")

@@ -263,7 +263,9 @@ def generate(
     season = generator.season(_date(start), days, np.random.default_rng(seed).random(generator.numbers(days)))
     record = dataclasses.replace(season.record, notes=(*season.record.notes, f"seed {seed}, {days} days from {start}"))
     write_record(record, out)
-    console.write(f"Season of {days} days from {start}, seed {seed}: {record.period}, SHA-256 {record.digest[:12]}, in {out}")
+    console.write(
+        f"Season of {console.count(days, 'day')} from {start}, seed {seed}: {record.period}, SHA-256 {record.digest[:12]}, in {out}"
+    )
     console.write(f"Its source: {record.source}")
     console.write(f"Keep it under a name: glbench weather import {console.quoted(out)} --name NAME")
     if picture is not None:

@@ -14,7 +14,6 @@ import numpy as np
 
 from glbench.tasks import TaskSpec
 from glbench.tasks import set_points as points
-from glbench.tasks.tables import ProcessComputerTable
 
 _SECONDS_AN_HOUR = 3600.0
 _LONG_AGO = 1e6
@@ -65,22 +64,17 @@ def work(
     ``set_points`` are by name those of ``task.actions``, in their units, ``controls`` those in force, fractions, and ``memory`` what it
     remembers, by the names of ``MEMORY``. Returns new values of the granted controls, and the memory for the next step.
     """
-    return _Step(task, task.actuation.process_computer, set_points, controls, measured, memory).run()
+    return _Step(task, set_points, controls, measured, memory).run()
 
 
 class _Step:
     """One step, rule by rule."""
 
     def __init__(
-        self,
-        task: TaskSpec,
-        settings: ProcessComputerTable,
-        set_points: Mapping[str, Any],
-        controls: Mapping[str, Any],
-        measured: Measured,
-        memory: Mapping[str, Any],
+        self, task: TaskSpec, set_points: Mapping[str, Any], controls: Mapping[str, Any], measured: Measured, memory: Mapping[str, Any]
     ) -> None:
-        self.s, self.set_points, self.controls, self.measured, self.memory = (settings, set_points, controls, measured, memory)
+        self.s, self.set_points, self.controls = task.actuation.process_computer, set_points, controls
+        self.measured, self.memory = measured, memory
         self.max_change = task.actuation.max_change
         self.steps_an_hour = _SECONDS_AN_HOUR / task.step_seconds
         self.heat_installed = {capacity.name: capacity.at_one for capacity in task.capacities()}.get(points.BOILER, 0.0)
@@ -88,7 +82,7 @@ class _Step:
         self.heating, self.ventilation = self._temperatures()
         self.too_humid: Any = 0.0  # how far the air is below the humidity deficit of the set point, as a share of the band
         if points.HUMIDITY in set_points:
-            self.too_humid = share(set_points[points.HUMIDITY] - measured.humidity_deficit, 0.0, settings.humidity_band)
+            self.too_humid = share(set_points[points.HUMIDITY] - measured.humidity_deficit, 0.0, self.s.humidity_band)
 
     def run(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """All granted controls, and the memory for the next step; rules of controls that are not granted are left out."""

@@ -73,8 +73,8 @@ def prepare(
         )
         raise SandboxError(msg)
     seeds = _seeds(task, runs, first_seed)
-    selection = parse_selection(episodes)
-    chosen_rows(selection, seeds, [0.0] * len(seeds))  # a seed that no run has is reported now, not after the evaluation
+    choice = parse_selection(episodes)
+    chosen_rows(choice, seeds, [0.0] * len(seeds))  # a seed that no run has is reported now, not after the evaluation
     workers = None if workers is None else whole_number(workers, "The number of workers")
     if workers is not None and workers < 1:
         refuse(f"An evaluation needs at least one worker; got {workers}.", GlbenchError)
@@ -93,18 +93,7 @@ def prepare(
         stored = _finished(folder, task, agent, seeds, kernel, protected.protection, limits, fresh=fresh)
     workers = min(workers or records.usable_cores(), len(seeds))
     evaluation = Evaluation(
-        task,
-        agent,
-        seeds,
-        workers,
-        kernel,
-        folder,
-        limits,
-        checkpoint_seconds,
-        stored,
-        selection,
-        protected.protection,
-        protected.submission,
+        task, agent, seeds, workers, kernel, folder, limits, checkpoint_seconds, stored, choice, protected.protection, protected.submission
     )
     if fresh:
         evaluation.forget()

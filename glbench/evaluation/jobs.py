@@ -33,7 +33,7 @@ from glbench.evaluation.checkpoint import take_over
 from glbench.evaluation.evaluation import Evaluation, JointAgentError, prepare
 from glbench.evaluation.records import Result
 from glbench.evaluation.rollout import Progress
-from glbench.evaluation.sandbox.choosing import Protected, Protection
+from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice
 from glbench.evaluation.saving import Computed
 from glbench.execution import Executor, Future, JobContext, RayExecutor, write_files
 from glbench.kernel import built_libraries, why_not_compiled
@@ -352,13 +352,8 @@ def compute_runs(context: JobContext, job: RunsJob) -> Computed:
     cannot be computed, or this machine's numbers would differ.
     """
     with job.packed_agent.unpack() as ref:
-        evaluation = prepare(
-            job.task.unpack(),
-            ref,
-            runs=len(job.seeds),
-            first_seed=job.seeds[0],
-            sandbox="bubblewrap" if job.protection == "bubblewrap" else "none",
-        )
+        sandbox: SandboxChoice = "bubblewrap" if job.protection == "bubblewrap" else "none"
+        evaluation = prepare(job.task.unpack(), ref, runs=len(job.seeds), first_seed=job.seeds[0], sandbox=sandbox)
         if job.agent_digest != evaluation.agent.digest:
             msg = "The agent arrived with a different digest from the one it was sent with. Did its files change while it was packed?"
             raise GlbenchError(msg)

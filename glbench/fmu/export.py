@@ -33,7 +33,7 @@ except ImportError as error:
     FmuSetup, PROBLEM = dict, (
         "This FMU needs glbench {version} in the Python that runs it, Python "
         f"{{sys.version.partition(' ')[0]}} in {{sys.prefix}}, where it cannot be imported ({{error}}). "
-        "Install it there: pip install glbench=={version}. In a tool that is no Python program, name its packages in PYTHONPATH."
+        "Install it there, as the README of glbench says. In a tool that is no Python program, name its packages in PYTHONPATH."
     )
 
     class GreenhouseSlave(pythonfmu.Fmi2Slave):
@@ -66,7 +66,7 @@ def export_fmu(task: TaskSpec, file: Path, *, seed: int = 1, split: str | None =
     task_in_season(task, split, seed)
     from pythonfmu.builder import FmuBuilder
 
-    name = re.sub(r"\W", "_", task.short_id)
+    name = re.sub(r"\W|^(?=\d)", "_", task.short_id)  # it becomes a class in Python
     definition = "" if task.id in task_ids() else json.dumps(task.attachment(), ensure_ascii=True)
     setup = FmuSetup(task.id, task.digest, definition, int(seed), split, __version__)
     program = _PROGRAM.format(name=name, task=task.id, setup=setup, version=__version__)

@@ -139,14 +139,8 @@ class CvodesBackend(StatesOnly):
         self._start = np.zeros(reduced.moving.size)
         self._end = np.zeros(reduced.moving.size)
         self._prepare = _Buffered(reduced.prepare, {0: self._u, 1: self._d, 2: self._p}, [self._constants, self._clock_rate])
-        integrator = ca.integrator(
-            "control_step",
-            "cvodes",
-            {"x": reduced.z, "p": reduced.constants, "ode": reduced.rate},
-            0.0,
-            step_seconds,
-            _options(self._settings),
-        )
+        equations = {"x": reduced.z, "p": reduced.constants, "ode": reduced.rate}
+        integrator = ca.integrator("control_step", "cvodes", equations, 0.0, step_seconds, _options(self._settings))
         inputs = {integrator.index_in("x0"): self._start, integrator.index_in("p"): self._constants}
         self._integrate = _Buffered(integrator, inputs, [self._end])
 

@@ -105,7 +105,7 @@ def make_split(season: Drive, text: str) -> Split:
     fitted, test = group
     weeks, others = (np.unique(season.week[flags]).size for flags in group.values())
     if weeks < 2 or others < 1:
-        refuse(f"'{text}' leaves {weeks} weeks to fit and {others} to test of {first} to {last}; it needs at least 2 and 1.", ArchiveError)
+        refuse(f"'{text}' leaves {weeks} of the weeks of {first} to {last} to fit and {others} to test; 2 and 1 are needed.", ArchiveError)
     return Split(kind if word else f"date:{date}", fitted + word, test + word, group[fitted])
 
 
@@ -231,7 +231,7 @@ def read_problem(folder: Path, page: FitPage, assumptions: Settings, compartment
     own = {LAMP_POWER: indoor.lamp_power} | {key: (value, unit) for key, value, unit in page.overrides}
     house = replace(house, model=page.model or house.model, overrides={**house.overrides, **own})
     problem = Problem(house, parameters(house, assumptions), assumptions.plants, page, drive(indoor, outside, archive.first))
-    return problem, name, (*archive.notes, *outside.notes, *indoor.notes)
+    return problem, name, (*archive.notes, *outside.notes, *indoor.notes, *indoor.doubts)
 
 
 class Estimate(NamedTuple):
@@ -375,7 +375,8 @@ def report_text(problem: Problem, fits: Sequence[Fit], source: str) -> str:
     for fit in fits:
         for part, use in ((fit.split.fitted, "fitted"), (fit.split.test, "held out")):
             for when, errors in (("before", fit.before[part]), ("after", fit.after[part])):
-                words = [f"{one.rmse:.{digits}f} ({one.bias:+.{digits}f})" for one, digits in zip(errors.values(), (2, 1, 0), strict=True)]
+                pairs = zip(errors.values(), (2, 1, 0), strict=True)
+                words = [f"{one.rmse:.{digits}f} ({one.bias:+.{digits}f})" if one.readings else "-" for one, digits in pairs]
                 rows.append(f"| {part}, {use} | {when} | {' | '.join(words)} |")
         parts += [f"## Fitted: {fit.split.fitted}", "", "| number | | 90 % interval | lowest to highest | ends at | what it is |"]
         parts.append("|---|---:|---:|---|---|---|")

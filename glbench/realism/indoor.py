@@ -164,7 +164,7 @@ def _indoor_of_export(path: Path, clock: str, first: dt.date | None, days: int |
     if np.all(np.isnan(indoor.columns["co2"])):
         doubts.append("co2 was not measured: photosynthesis and vents are compared by temperature and humidity alone")
     if days < FEW_DAYS:
-        doubts.append(f"{days} whole days are few: {FEW_DAYS} and more tell the house from the weather")
+        doubts.append(f"{days} whole day{'s are' if days > 1 else ' is'} few: {FEW_DAYS} and more tell the house from the weather")
     return replace(indoor, notes=(*notes, *indoor.notes), doubts=tuple(doubts))
 
 
@@ -190,8 +190,9 @@ def indoor_of(name: str, times: IntArray, numbers: IntArray, columns: Mapping[st
             wrong = wrong | leaps | stuck
         for place in np.flatnonzero(wrong)[:1]:
             reasons = ", ".join(f"{one.sum():,} {reason}" for reason, one in bad.items() if one.any())
+            number = f"{wrong.sum():,} reading{'' if wrong.sum() == 1 else 's'}"
             notes.append(
-                f"{name}, {column}: {wrong.sum():,} readings taken out ({reasons}), the first {values[place]:g} {quantity.unit} at "
+                f"{name}, {column}: {number} taken out ({reasons}), the first {values[place]:g} {quantity.unit} at "
                 f"{moment(numbers[place])}."
             )
         values[wrong] = np.nan

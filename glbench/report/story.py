@@ -296,7 +296,7 @@ def headline(story: Story) -> str:
     clear, words = certainty(profit, 2)
     figures = (
         f"({number(float(totals[0, :, profit].mean()), 2)} against {number(float(totals[1, :, profit].mean()), 2)}; "
-        f"{words}; more in {more} of {runs} runs)"
+        f"{words}; more in {more} of {runs} run{'s' * (runs > 1)})"
     )
     if (clear or runs == 1) and abs(gap) >= _CENT:
         first = f"{one} earns {_amount(abs(gap), line.unit, 2)} {'more' if gap >= 0 else 'less'} than {other} {figures}"
@@ -433,8 +433,9 @@ def ledger_table(story: Story) -> TableOf:
         rows.append((title, *(number(value, places, signed=True) for value in worth)))
     strong = tuple(line.title for line in story.lines if line.kind in ("profit", "score"))
     one, other = story.agents
+    runs = len(story.seeds)
     return TableOf(
-        f"{one} minus {other}: what each line adds to profit or score, EUR/m² where no unit stands, mean over {len(story.seeds)} runs",
+        f"{one} minus {other}: what each line adds to profit or score, EUR/m² where no unit stands, mean over {runs} run{'s' * (runs > 1)}",
         ("", *map(capitalised, PERIODS), "Whole run"),
         tuple(rows),
         strong,

@@ -80,16 +80,8 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int) -> BaseAlgori
         mean = np.zeros(env.action_space.shape or ())
         noise = {"action_noise": NormalActionNoise(mean, np.full_like(mean, settings.action_noise_std))}
     try:
-        return kind(
-            settings.policy,
-            env,
-            seed=seed,
-            device="cpu",
-            verbose=0,
-            policy_kwargs=policy_arguments(settings.policy_kwargs),
-            **noise,
-            **_arguments(settings),
-        )
+        policy = policy_arguments(settings.policy_kwargs)
+        return kind(settings.policy, env, seed=seed, device="cpu", verbose=0, policy_kwargs=policy, **noise, **_arguments(settings))
     except (TypeError, ValueError, AssertionError) as error:
         refuse(f"{kind.__name__} refuses its settings: {error}", TrainingError, error)
 

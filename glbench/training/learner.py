@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from glbench.agents.network_policy import Actor, Arithmetic, affine, gru_step, hidden
 from glbench.errors import TaskError, TrainingError, UnknownNameError, did_you_mean, refuse
 from glbench.jax import Environment, State
+from glbench.registration import task_argument
 from glbench.tasks import TaskSpec
 from glbench.training.compiled_settings import CompiledSettings, in_view
 
@@ -161,7 +162,8 @@ class Learner:
         except UnknownNameError as error:
             refuse(f"'critic_sees': {error}", TrainingError, error)
         except TaskError as error:
-            msg = f"{error} Or train with Stable-Baselines3, which supports it: glbench train stable_baselines3.PPO --task {task.id}"
+            command = f"glbench train stable_baselines3.PPO --task {task_argument(task.id)}"
+            msg = f"{error} Or train with Stable-Baselines3, which supports it: {command}"
             raise TrainingError(msg) from error
         return cls(
             settings,

@@ -88,14 +88,8 @@ def disturbances(
     times = window.times.astype("datetime64[s]")
     for array in (prepared.values, times, hour_of_day, day_of_year):
         array.setflags(write=False)
-    return Disturbances(
-        values=prepared.values,
-        times=times,
-        hour_of_day=hour_of_day,
-        day_of_year=day_of_year,
-        digest=_digest(record, window, prepared, preprocessing),
-        preprocessing=preprocessing,
-    )
+    digest = _digest(record, window, prepared, preprocessing)
+    return Disturbances(prepared.values, times, hour_of_day, day_of_year, digest, preprocessing)
 
 
 def _pipeline(preprocessing: str) -> ModuleType:

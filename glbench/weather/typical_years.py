@@ -153,14 +153,9 @@ def parse_tmy(text: str, file: str) -> reading.Reading:
     )
     if cloud := reading.title_of(table, "TotCld (tenths)"):
         columns["cloud_cover"] = table.numbers(cloud, (*_TMY3_MISSING, 99)) * reading.OCTANTS_PER_TENTH
+    columns = reading.without_constant_zero(columns, ("cloud_cover",), notes)
     return reading.Reading(
-        record.Rows(
-            file,
-            stamps.seconds,
-            reading.without_constant_zero(columns, ("cloud_cover",), notes),
-            reading.TIMING,
-            np.array(table.lines, dtype=np.int64),
-        ),
+        record.Rows(file, stamps.seconds, columns, reading.TIMING, np.array(table.lines, dtype=np.int64)),
         " ".join(heading[1].strip('" ').split()),
         f"NREL TMY3 {reading.file_name(file)}, station {heading[0].strip()}",
         (latitude, longitude, altitude),

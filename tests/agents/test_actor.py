@@ -173,6 +173,8 @@ def test_what_does_not_fit_is_refused(spring: TaskSpec) -> None:
     agent = ActorAgent(actor)
     with pytest.raises(SubmissionError, match="does not fit this task: it was trained on"):
         agent.reset(replace(card, observations=card.observations[1:]), 1)
+    with pytest.raises(SubmissionError, match=r"glbench train ppo --task FILE\.toml\.$"):
+        agent.reset(replace(card, id="mine/Spring-v1", observations=card.observations[1:]), 1)
     with pytest.raises(SubmissionError, match="its actions are not those of"):
         agent.reset(replace(card, actions=card.actions[:2]), 1)
     agent.reset(card, 2)

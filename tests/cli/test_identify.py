@@ -38,7 +38,7 @@ def test_a_set_a_report_and_a_second_call_that_computes_nothing(glbench: Command
         "`",
     ):
         assert words in report
-    assert "even weeks: 1 points computed" in answer.err
+    assert "even weeks: 1 point computed" in answer.err
     page = tomllib.loads((out / "identified.toml").read_text())
     numbers = page["identified"]["numbers"]
     assert list(numbers) == ["cover_light", "rSMin"]

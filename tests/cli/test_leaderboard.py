@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -159,6 +160,12 @@ def test_json_is_nothing_but_json(reports):
     rows = json.loads(run("--out", reports, "--task", "glbench/Meadow-v1", "--json").stdout)
     assert [(row["rank"], row["agent"]) for row in rows] == [(1, "better"), (2, "worse"), (None, "hasty")]
     assert rows[0]["reward_mean [-]"] == 6.5
+
+
+def test_suggestions_stay_in_the_folder(reports, tmp_path):
+    folder = Path(shutil.copytree(reports, tmp_path / "a b"))
+    shown = " ".join(run("--out", folder, "--task", "glbench/Meadow-v1").output.split())
+    assert f"glbench report --out '{folder}'" in shown
 
 
 def test_without_a_wish_the_task_evaluated_last_is_shown(reports):

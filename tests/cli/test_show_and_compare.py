@@ -192,6 +192,11 @@ def test_story_and_view_take_an_agent_by_its_name(here, glbench):
     unknown = glbench("view", "stedy", "--task", "day.toml", "--save", "none.rrd")
     assert unknown.code == 1
     assert "Did you mean 'steady'" in unknown.err
+    result = next((here / "reports" / "results").glob("*/steady.json"))
+    other = glbench("view", str(result), "--task", TASK, "--save", "none.rrd")
+    assert other.code == 1
+    assert f"but --task says {TASK}. Leave out --task." in other.err.replace("\n", " ")
+    assert not (here / "none.rrd").exists()
 
 
 def test_where_power_has_a_price_a_story_is_told_against_the_energy_rules(here, glbench):

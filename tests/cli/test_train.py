@@ -200,6 +200,7 @@ def test_a_search_is_continued_and_its_best_trial_shown_first(glbench: Command, 
     first = glbench("sweep", "--config", "sweep.yml")
     assert first.code == 0, first.err
     assert first.err.count("complete") == 2
+    assert "2 trials of 100 steps" in " ".join(first.err.split())
     again = glbench("sweep", "--config", "sweep.yml")
     assert "complete" not in again.err, "both trials are there already"
     assert again.out == first.out
@@ -207,6 +208,9 @@ def test_a_search_is_continued_and_its_best_trial_shown_first(glbench: Command, 
     other = glbench("sweep", "--config", "sweep.yml")
     assert other.code == 1
     assert "another search" in other.err
+    grid = SEARCH.replace("trials: 2", "method: grid").partition("  learning_rate")[0] + "  learning_rate: {values: [1.0e-3]}\n"
+    (settings / "grid.yml").write_text(grid, encoding="utf-8")
+    assert ": 1 trial of 100 steps" in " ".join(glbench("sweep", "--config", "grid.yml").err.split())
 
 
 @pytest.mark.parametrize(
@@ -290,4 +294,4 @@ def test_several_seeds_are_trained_and_not_again(glbench: Command, settings: Pat
         assert tomllib.loads((folder / "card.toml").read_text(encoding="utf-8"))["training"]["seed"] == seed
         assert f"seed {seed}: done" in first.err
         assert f"seed {seed}: already trained" in again.err
-    assert "glbench evaluate runs/ppo-Day-v1-seed*" in first.out
+    assert "glbench evaluate runs/ppo-Day-v1-seed* --task day.toml" in first.out

@@ -52,7 +52,7 @@ def test_the_climate_by_actuators(glbench: Command, tmp_path: Path) -> None:
         assert re.search(rf"{row} +\d+\.\d\d +[-+]\d+\.\d\d +\d+\.\d +[-+]\d+\.\d +\d+ +[-+]\d+ *$", answer.out, re.M), row
     assert "fruit" not in words
     assert "The climate of Bert is usable." in words
-    assert "co2: 1 readings taken out (1 outside 100 to 5000 ppm), the first -499 ppm at 2020-02-10 03:20" in " ".join(answer.err.split())
+    assert "co2: 1 reading taken out (1 outside 100 to 5000 ppm), the first -499 ppm at 2020-02-10 03:20" in " ".join(answer.err.split())
     stored = json.loads((out / "climate.json").read_text())
     assert [one["name"] for one in stored["compartments"]] == ["Bert"]
     assert stored["compartments"][0]["houses"][0]["overall"]["co2"]["readings"] == 287
@@ -77,7 +77,7 @@ def test_an_export_of_ones_own(glbench: Command, tmp_path: Path) -> None:
     words = " ".join(answer.out.split())
     assert "house, 2020-02-10 to 2020-02-10, by actuators" in words
     assert "The climate of house is usable, but:" in words
-    assert "1 whole days are few" in " ".join(answer.err.split())
+    assert "1 whole day is few" in " ".join(answer.err.split())
     answer = glbench("validate", folder, "--by", "set-points")
     assert answer.code == 1
     assert "An export has no heat and harvest of a day" in answer.err
@@ -101,6 +101,10 @@ def test_refusals_are_said_in_words(glbench: Command, folder: Path, tmp_path: Pa
     answer = glbench("validate", folder, "--by", "actuators")
     assert answer.code == 1
     assert "has an indoor climate (GreenhouseClimate.csv). Add one" in " ".join(answer.err.split())
+    for choice in (("--by", "actuators"), ("--agents", "rule_based")):
+        answer = glbench("validate", folder, "--warmer", "1", *choice)
+        assert answer.code == 1
+        assert "--warmer shifts set points, and no set points are compared here" in " ".join(answer.err.split())
     answer = glbench("validate", folder, "--set", "papers")
     assert answer.code == 1
     assert "no parameter set 'papers' to compare. Did you mean 'paper'" in answer.err

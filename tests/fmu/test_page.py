@@ -22,7 +22,7 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     with pytest.raises(SystemExit) as end:
         main(command.split())
     assert end.value.code == 0
-    assert "pip install glbench==" in capsys.readouterr().err
+    assert "install glbench " in capsys.readouterr().err
     names = run_examples("fmu.md", examples_of("fmu.md"), {})
     printed = capsys.readouterr().out
     assert re.search(r"^\d+\.\d degC, profit of the day -0\.\d+ EUR/m2$", printed, re.MULTILINE), printed

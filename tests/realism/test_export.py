@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 
 from glbench.errors import ArchiveError
-from glbench.realism import Indoor, read_archive, read_indoor
+from glbench.realism import Indoor, read_archive, read_indoor, read_settings
 from glbench.realism.export import WEATHER_UNITS, read_export
+from glbench.realism.identify import SHIPPED_PAGE, read_page, read_problem
 from glbench.realism.inputs import outdoors
 from tests.realism.made import Made, own_export
 
@@ -135,6 +136,8 @@ def test_a_bad_sensor_and_few_days_are_doubts(tmp_path: Path) -> None:
     assert sensor == "12% of the readings of humidity were taken out: check the sensor"
     assert "co2 was not measured" in co2
     assert few.startswith("3 whole days are few")
+    *_, notes = read_problem(folder, read_page(SHIPPED_PAGE), read_settings(), None)
+    assert notes[-3:] == (sensor, co2, few), "the fit tells them, too"
 
 
 @pytest.mark.parametrize(

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from glbench.errors import ArchiveError, GlbenchError, ParameterError
+from glbench.realism.free_run import Error
 from glbench.realism.houses import MODEL, model
-from glbench.realism.identify import SHIPPED_PAGE, Fit, FitPage, Problem, identify, make_split
+from glbench.realism.identify import SHIPPED_PAGE, Fit, FitPage, Problem, identify, make_split, report_text
 from glbench.settings import read_settings, validated
 from tests.realism.measured import BASE, HOUSE, NOISE, SETTINGS, changed, season
 
@@ -58,6 +60,9 @@ def test_the_factors_of_a_made_house_come_back(made: Problem, fits: tuple[Fit, .
                 assert fit.before[part][channel].rmse > 1.5 * noise
     assert [(fit.split.fitted, fit.split.test) for fit in fits] == [("even weeks", "odd weeks"), ("before 2020-02-10", "from 2020-02-10")]
     assert not np.array_equal(fits[0].z, fits[1].z)
+    after = {part: {**errors, "co2": Error(rmse=np.nan, bias=np.nan, readings=0)} for part, errors in fits[0].after.items()}
+    report = report_text(made, [fits[0]._replace(after=after)], "Anna")
+    assert re.search(r"\| odd weeks, held out \| after \| \S+ \(\S+\) \| \S+ \(\S+\) \| - \|", report), "CO2 that was not measured"
 
 
 def test_a_fit_that_is_killed_goes_on_to_the_same_bits(tmp_path: Path) -> None:
@@ -120,8 +125,8 @@ def test_splits() -> None:
         ("months", "There is no split 'months'. Write weeks, date, or date:2020-03-01"),
         ("date:soon", "There is no split 'date:soon'"),
         ("weeks:2", "There is no split 'weeks:2'"),
-        ("date:2020-01-08", "leaves 1 weeks to fit and 5 to test"),
-        ("date:2020-03-08", "leaves 5 weeks to fit and 0 to test"),
+        ("date:2020-01-08", "leaves 1 of the weeks of .* to fit and 5 to test"),
+        ("date:2020-03-08", "leaves 5 of the weeks of .* to fit and 0 to test"),
     ):
         with pytest.raises(ArchiveError, match=words):
             make_split(made, text)

@@ -28,6 +28,13 @@ def test_the_page_is_written_and_named(glbench, folder):
     assert (folder / "index.html").read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
+def test_a_mistyped_folder_is_not_made(glbench, folder):
+    answer = glbench("report", "--out", folder.with_name(f"{folder.name}x"))
+    assert answer.code == 1
+    assert f"Did you mean '{folder.name}'" in " ".join(answer.err.split())
+    assert not folder.with_name(f"{folder.name}x").exists()
+
+
 @pytest.mark.usefixtures("few_released")
 def test_missing_profiles_are_named_and_can_be_made(glbench, folder):
     path = folder / "results" / "Days-v1" / "thrifty.json"

@@ -263,3 +263,20 @@ def test_the_command_writes_a_plain_file_and_the_lines_of_a_task(tmp_path: Path)
     np.testing.assert_array_equal(again.prices, read_prices(export, KWH).prices)
     np.testing.assert_array_equal(again.seconds, read_prices(export, KWH).seconds)
     assert CliRunner().invoke(app, arguments).exit_code != 0
+    table = CliRunner().invoke(app, [*arguments, "--replace", "--table", "my table"])
+    assert "--table my table cannot be the name of a price table" in str(table.exception)
+    furlongs = CliRunner().invoke(app, ["prices", "import", str(out), "--out", str(tmp_path / "far.csv"), "--unit", "furlongs"])
+    assert "'furlongs' is not a unit of prices such as EUR kWh-1" in " ".join(furlongs.output.split())
+
+
+def test_the_lines_for_a_task_of_ones_own_make_another_task(tmp_path: Path) -> None:
+    own = own_task(tmp_path, 2010)
+    own.write_text(own.read_text().replace('"own prices"', r'"My \"own\" prices"'))
+    (tmp_path / "new").mkdir()
+    out = tmp_path / "new" / "dear.csv"
+    told = CliRunner().invoke(app, ["prices", "import", str(tmp_path / "power.csv"), "--out", str(out), "--base", str(own), "--json"])
+    assert told.exit_code == 0, told.output
+    (tmp_path / "new" / "dear.toml").write_text(json.loads(told.stdout)["task"])
+    task = get_task(tmp_path / "new" / "dear.toml")
+    assert (task.id, task.title) == ("mylab/Prices-Own-v1", 'My "own" prices, own prices')
+    assert len(task.price_tables["power"].series) == 8760

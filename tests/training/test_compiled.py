@@ -472,7 +472,7 @@ def test_what_the_compiled_kernel_cannot_step_is_referred_to_stable_baselines3(d
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("glbench.jax.door.why_not_compiled", lambda model: "there is no compiler")
         patch.setattr("glbench.jax.door.CompiledEnvironments", type("None", (), {}))
-        with pytest.raises(TrainingError, match=r"there is no compiler.*glbench train stable_baselines3\.PPO"):
+        with pytest.raises(TrainingError, match=r"there is no compiler.*glbench train stable_baselines3\.PPO --task FILE\.toml$"):
             Learner.of(day, tiny(day, tmp_path))
 
 

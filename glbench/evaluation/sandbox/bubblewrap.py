@@ -164,23 +164,10 @@ def _tried() -> tuple[str, Mode | None]:
 
 def _complaint(mode: Mode) -> str:
     """What bubblewrap says against building an empty sandbox; nothing when it works."""
-    bare = [
-        _path(),
-        *_separation(mode),
-        "--ro-bind",
-        "/",
-        "/",
-        *_scratch("/tmp", 4096),
-        "--proc",
-        "/proc",
-        "--dev",
-        "/dev",
-        "--remount-ro",
-        "/proc",
-    ]
+    mounts = ["--ro-bind", "/", "/", *_scratch("/tmp", 4096), "--proc", "/proc", "--dev", "/dev", "--remount-ro", "/proc"]
     try:
         process = subprocess.run(
-            [*bare, *_becoming_another_user(mode), "true"],
+            [_path(), *_separation(mode), *mounts, *_becoming_another_user(mode), "true"],
             stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False,
             timeout=_PATIENCE_SECONDS, env=ENVIRONMENT_OF_BUBBLEWRAP,
         )  # fmt: skip
