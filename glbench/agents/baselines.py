@@ -7,6 +7,7 @@ data only; ``controllers.py`` knows the controllers.
 from __future__ import annotations
 
 import hashlib
+import shlex
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -137,7 +138,8 @@ def read_baseline(ref: str | Path) -> Baseline:
         _check_place(place, folder)
     if not place.exists() and (folder / _SAVED_MODEL).is_file():
         model = folder / _SAVED_MODEL
-        msg = f"The policy in {folder} could not be exported to {card.settings}. Evaluate the model itself: glbench evaluate {model}"
+        command = f"glbench evaluate {shlex.quote(str(model))}"
+        msg = f"The policy in {folder} could not be exported to {card.settings}. Evaluate the model itself: {command}"
         raise SubmissionError(msg)
     if isinstance(ref, str) and ref in left_out():
         msg = f"What '{ref}' has learnt or planned ({card.settings}) is not part of this installation. {how_to_get_data()}"

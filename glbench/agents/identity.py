@@ -19,6 +19,7 @@ The card is ``submission.toml`` in a folder, or ``anna.toml`` beside ``anna.py``
 from __future__ import annotations
 
 import os
+import shlex
 import struct
 import zipfile
 from collections.abc import Iterable, Iterator
@@ -287,7 +288,8 @@ def read_identity(path: Path) -> Identity:
     """What the file or folder ``path`` is. Raises ``SubmissionError`` when it is no submission, or its name, card or a file is wrong."""
     settings = next((one for one in list(path.parents)[:2] if is_built_in(one)), None)
     if path.suffix in _PAGES and settings is not None:
-        refuse(f"{path} is a page of settings. Name the folder with its card.toml, such as: glbench evaluate {settings}", SubmissionError)
+        command = f"glbench evaluate {shlex.quote(str(settings))}"
+        refuse(f"{path} is a page of settings. Name the folder with its card.toml, such as: {command}", SubmissionError)
     name = name_of(path)
     place, folder = path.resolve(), path.resolve() if path.is_dir() else None
     root = folder or place.parent

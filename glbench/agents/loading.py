@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import shlex
 import shutil
 import sys
 import traceback
@@ -282,7 +283,7 @@ def find_submission(ref: str | Path) -> Path:
         if (data_folder("submissions") / path.name).is_file():
             msg = (
                 f"There is no file {path}. An example of that name comes with glbench: "
-                f"`glbench submit new {path.parent} --kind example` writes it, and the other examples."
+                f"`glbench submit new {shlex.quote(str(path.parent))} --kind example` writes it, and the other examples."
             )
         raise SubmissionError(msg)
     names = identity.baseline_names()

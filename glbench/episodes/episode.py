@@ -6,6 +6,7 @@ The file is written as a whole, or piece by piece while it happens; what is left
 from __future__ import annotations
 
 import io
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -307,7 +308,8 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
     path = Path(path)
     content = scan(path)
     if content.problem is not None and not partial:
-        refuse(f"{path}: {content.problem}. `glbench episodes recover {path}` makes a file of what is left.", EpisodeError)
+        command = f"glbench episodes recover {shlex.quote(str(path))}"
+        refuse(f"{path}: {content.problem}. `{command}` makes a file of what is left.", EpisodeError)
     words = content.metadata.get(_WORDS)
     if words is None or words.get("format") != FORMAT:
         kind = (

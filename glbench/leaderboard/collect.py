@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -353,7 +354,7 @@ def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | 
     own, theirs = ("not stated" if mean is None else metric.number(mean) for mean in means)
     return (
         f"{item.path} differs from the released result of '{name}', which keeps its row: {metric.words} {own}, released {theirs}. "
-        f"{_what_differs(item.result, released.result)} See both with `glbench compare {name} {item.path}`."
+        f"{_what_differs(item.result, released.result)} See both with `glbench compare {name} {shlex.quote(str(item.path))}`."
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -844,7 +845,7 @@ def better_note(agent: str, ahead: int, runs: int, path: str) -> str:
     """What to do with a result that is above the best known run in some runs."""
     return (
         f"{agent} is above the best known run in {ahead} of the {runs} runs that have one: a better plan than the best known. "
-        f"Hand it in: glbench bound --submit {path}"
+        f"Hand it in: glbench bound --submit {shlex.quote(path)}"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Literal
 
@@ -88,4 +89,5 @@ def read_record(path: Path) -> SpeedRecord:
     try:
         return SpeedRecord.model_validate(parse_json(read_regular(path, MIB)))
     except (OSError, ValueError, ValidationError) as error:
-        refuse(f"{path} is no speed record of glbench: {reason_of(error)}. `glbench bench --out {path}` makes one.", ResultError, error)
+        command = f"glbench bench --out {shlex.quote(str(path))}"
+        refuse(f"{path} is no speed record of glbench: {reason_of(error)}. `{command}` makes one.", ResultError, error)

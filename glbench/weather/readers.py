@@ -7,6 +7,7 @@ unit in every column's title, and the place in comment lines (docs/weather.md). 
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -141,7 +142,8 @@ def detect_format(path: Path) -> Format:
         return "csv"
     msg = (
         f"{path} looks like none of the known weather formats ({', '.join(FORMATS)}). If it is one, name it with --format. For the "
-        f"export of a climate computer, `glbench weather columns {path}` writes a column map. The titles of a CSV of your own are:\n"
+        f"export of a climate computer, `glbench weather columns {shlex.quote(str(path))}` writes a column map. "
+        f"The titles of a CSV of your own are:\n"
         f"  {EXPECTED_HEADER}"
     )
     raise WeatherError(msg)
