@@ -156,14 +156,17 @@ def task_ids(names: Sequence[str]) -> list[str]:
 def find_results(name: str, tasks: Sequence[str], reports: Path) -> list[StoredResult]:
     """Results that ``name`` means: a result file, or all of an agent's below ``reports`` and of the released ones.
 
-    ``tasks`` (ids or their short forms) keeps those of these tasks only. Raises ``ResultError`` when there is none.
+    ``tasks`` (ids or their short forms) keeps those of these tasks only. Raises ``ResultError`` when there is none, or a file is of another.
     """
     from glbench.evaluation import load_result
     from glbench.leaderboard.collect import StoredResult, own_and_released_results
 
     check_folder(reports)
     if is_file(name):
-        return [StoredResult(Path(name), load_result(Path(name)))]
+        one = StoredResult(Path(name), load_result(Path(name)))
+        if tasks and not {one.result.task.id, one.result.task.id.rpartition("/")[2]} & {*tasks}:
+            refuse(f"{name} is a result on {one.result.task.id}, but --task says {', '.join(tasks)}. Leave out --task.", ResultError)
+        return [one]
     stored, problems = own_and_released_results(reports)
     warn_of([problem for problem in problems if name in str(problem)])
     agents = sorted({item.result.agent.name for item in stored})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -193,9 +194,10 @@ def test_story_and_view_take_an_agent_by_its_name(here, glbench):
     assert unknown.code == 1
     assert "Did you mean 'steady'" in unknown.err
     result = next((here / "reports" / "results").glob("*/steady.json"))
-    other = glbench("view", str(result), "--task", TASK, "--save", "none.rrd")
-    assert other.code == 1
-    assert f"but --task says {TASK}. Leave out --task." in other.err.replace("\n", " ")
+    for command in (("view", result, "--save", "none.rrd"), ("show", result), ("compare", result, result.with_name("rival.json"))):
+        other = glbench(*map(str, command), "--task", TASK)
+        assert other.code == 1
+        assert re.search(rf"but --task says \S*{TASK}\. Leave out --task\.", other.err.replace("\n", " "))
     assert not (here / "none.rrd").exists()
 
 
