@@ -419,9 +419,7 @@ def policy_for(task: TaskCard, policies: Sequence[Actor]) -> Actor:
     fitting = [policy for policy in policies if policy.why_not(task) is None]
     if not fitting:
         reasons = "; ".join(sorted({str(policy.why_not(task)) for policy in policies}))
-        from glbench.registration import task_argument
-
-        trained = f"glbench train ppo --task {task_argument(task.id)}"
+        trained = f"glbench train ppo --task {task.id if task.id.startswith('glbench/') else 'FILE.toml'}"
         msg = f"The trained policy does not fit this task: {reasons}. Train one for it: {trained}."
         raise SubmissionError(msg)
     return min(fitting, key=lambda policy: policy.preference(task))

@@ -108,7 +108,7 @@ def leaderboard(
     hints = {name: where_results_are(suites[name]) for name in missing}
     lacks = {name: f"results here.{hint}" if hint else "both results and a best known one yet." for name, hint in hints.items()}
     notes = [f"No task of the suite '{name}' has {what}" for name, what in lacks.items()]
-    notes += ["The JSON has the tasks alone. That of suites: --suite without --task and --all."] * bool(as_json and selection and of_suites)
+    notes += ["The JSON has tasks only. For suites, use --suite without --task or --all."] * bool(as_json and selection and of_suites)
     console.show(
         console.View(
             chain(_parts(selection, of_suites, members=members), more()), document, notes=notes, code=int(strict and bool(problems))

@@ -156,7 +156,7 @@ def task_ids(names: Sequence[str]) -> list[str]:
 def find_results(name: str, tasks: Sequence[str], reports: Path) -> list[StoredResult]:
     """Results that ``name`` means: a result file, or all of an agent's below ``reports`` and of the released ones.
 
-    ``tasks`` (ids or their short forms) keeps those of these tasks only. Raises ``ResultError`` when there is none, or a file is of another.
+    ``tasks`` (ids or their short forms) keeps those of these tasks only. Raises ``ResultError`` when there is none or a file is of another.
     """
     from glbench.evaluation import load_result
     from glbench.leaderboard.collect import StoredResult, own_and_released_results

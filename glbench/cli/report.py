@@ -89,8 +89,8 @@ def _complete(out: Path, workers: int) -> None:
         console.tell(f"Made: {visible(str(path))}")
     if completion.impossible:
         console.print_warning(
-            f"{console.count(len(completion.impossible), 'result')} cannot have days and seasons, such as "
-            f"{_names([path for path, _ in completion.impossible])}. {visible(completion.impossible[0][1])} Evaluate them again with "
+            f"{console.count(len(completion.impossible), 'result')} cannot have days and seasons: "
+            f"{_names([path for path, _ in completion.impossible])}. {visible(completion.impossible[0][1])} Evaluate again with "
             "`glbench evaluate ... --fresh`, which makes profiles by itself."
         )
 
@@ -180,8 +180,9 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
     seeds = result.evaluation.seeds
     here = sorted(one.stem for one in path.parent.glob("*.json") if "." not in one.stem and one != path)
     msg = (
-        f"There is no result {other} to tell {path.name} against.{did_you_mean(against, here)} Make it, with the same seeds: "
-        f"glbench evaluate {against} --task {task_argument(result.task.id)} --seed {seeds[0]} --runs {len(seeds)}{where}, "
+        f"There is no result {other} to tell {path.name} against.{did_you_mean(against, here, list_few=False)} "
+        "Make that result, with the same seeds: "
+        f"glbench evaluate {console.quoted(against)} --task {task_argument(result.task.id)} --seed {seeds[0]} --runs {len(seeds)}{where}, "
         f"or give another: --against {' or '.join(here) if here else 'RESULT.json'}."
     )
     raise ResultError(msg)

@@ -159,7 +159,8 @@ def validate(
         ensure_writable(out)
     archive = realism.read_archive(folder, page.place.clock)
     if warmer and (agents is not None or by == "actuators" or (archive.own and by is None)):
-        refuse("--warmer shifts set points, and no set points are compared here. Leave it out, or compare --by set-points.", ArchiveError)
+        instead = "" if agents or archive.own else ", or compare --by set-points"
+        refuse(f"--warmer shifts set points, and no set points are compared here. Leave it out{instead}.", ArchiveError)
     if agents is not None:
         from glbench.realism.board import board
         from glbench.realism.money import read_prices

@@ -139,9 +139,9 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
 def doubts_of_prices(unit: str, mean: float, name: str) -> list[str]:
     """A doubt about the factor of the prices of the table ``name``, whose mean over time is ``mean`` [``unit``]; empty if there is none."""
     match = _UNIT.search(unit)
-    if match is None:
-        return [f"'{visible(unit)}' is not a unit of prices such as EUR kWh-1"]
-    low, high = USUAL_PRICES.get(_amount(match), (0.0, np.inf))
+    if match is None and not re.match(r"[A-Z]{3}( |$)", unit):
+        return [f"the unit of '{name}', '{visible(unit)}', is not a unit of prices such as EUR kWh-1"]
+    low, high = USUAL_PRICES.get(_amount(match) if match else "", (0.0, np.inf))
     if low <= abs(mean) <= high:
         return []
     return [

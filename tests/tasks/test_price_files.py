@@ -194,7 +194,7 @@ def test_the_mean_is_one_of_time_and_a_factor_of_a_thousand_is_doubted() -> None
     table = PriceTable(KWH, series=(*months, *day))
     assert table.mean == pytest.approx((330 * 0.04 + 1 * 0.4 + 2 * 0.04 / 96) / (331 + 2 / 96), rel=1e-9)
     assert doubts_of_prices(KWH, 0.05, "power") == []
-    assert doubts_of_prices("EUR kg-1", 50.0, "fruit") == []
+    assert doubts_of_prices("EUR kg-1", 50.0, "fruit") == doubts_of_prices("EUR", 1.0, "heads") == []
     (low,), (high,) = doubts_of_prices(KWH, 4.7e-5, "power"), doubts_of_prices(KWH, 45.0, "power")
     assert "4.7e-05 EUR kWh-1 on average" in low
     assert "45 EUR kWh-1 on average" in high
@@ -266,7 +266,7 @@ def test_the_command_writes_a_plain_file_and_the_lines_of_a_task(tmp_path: Path)
     table = CliRunner().invoke(app, [*arguments, "--replace", "--table", "my table"])
     assert "--table my table cannot be the name of a price table" in str(table.exception)
     furlongs = CliRunner().invoke(app, ["prices", "import", str(out), "--out", str(tmp_path / "far.csv"), "--unit", "furlongs"])
-    assert "'furlongs' is not a unit of prices such as EUR kWh-1" in " ".join(furlongs.output.split())
+    assert "'furlongs', is not a unit of prices such as EUR kWh-1" in " ".join(furlongs.output.split())
 
 
 def test_the_lines_for_a_task_of_ones_own_make_another_task(tmp_path: Path) -> None:
