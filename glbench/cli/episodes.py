@@ -84,6 +84,8 @@ def export(
     if to is not None:
         if len(what) != 1:
             refuse(f"--to takes one episode; {len(what)} are named. Export them one by one.", EpisodeError)
+        if task or noise or seed is not None or author or email or permalink:
+            refuse("--task, --noise, --seed and what is said of a dataset are for --minari. An episode is exported as it is.", EpisodeError)
         write_table(Path(what[0]), to)
         return
     assert minari is not None
@@ -184,6 +186,8 @@ def make(
         files = make_episodes(parse_selection(episodes), loaded, result, task_of_result(loaded, result, sealed), to)
     for file in files:
         console.write(file)
+    if not files:
+        console.tell(f"--episodes {episodes} chooses no run, so nothing was written.")
 
 
 @app.command()

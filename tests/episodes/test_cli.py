@@ -78,6 +78,12 @@ def test_export_wants_to_know_what_to_write(episode_file, more):
     assert "--minari" in str(done.exception)
 
 
+def test_what_is_said_of_a_dataset_is_not_for_a_table(episode_file, tmp_path):
+    done = run("episodes", "export", episode_file, "--to", tmp_path / "table.csv", "--noise", "0.1")
+    assert "are for --minari" in str(done.exception)
+    assert not (tmp_path / "table.csv").exists()
+
+
 def test_a_table_is_of_one_episode(episode_file, tmp_path):
     done = run("episodes", "export", episode_file, episode_file, "--to", tmp_path / "table.csv")
     assert isinstance(done.exception, EpisodeError)
@@ -119,6 +125,7 @@ def test_evaluate_keeps_three_episodes_and_the_others_can_be_made(write_agent, t
     assert done.exit_code == 0, done.output
     assert len(done.stdout.splitlines()) == len(list((out / "episodes").rglob("*.mcap"))) == 3
     assert verify(path).episodes == (666, 667, 668)
+    assert "chooses no run, so nothing was written" in run("episodes", "make", path, "--episodes", "none").stderr
     shutil.rmtree(out / "episodes")
     assert run("evaluate", agent, "--task", task, "--out", out).exit_code == 0
     assert 2 <= len(list((out / "episodes").rglob("*.mcap"))) <= 3
