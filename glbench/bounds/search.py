@@ -91,12 +91,14 @@ class PlanOutcome:
     value: PlanValue | None
     stored: bool = False
     reason: str = ""
+    how: tuple[object, object] = (None, None)  # name of the starting agent, and iterations
 
     @classmethod
     def of_book(cls, seeds: tuple[int, ...], book: PlanBook, *, stored: bool = False) -> PlanOutcome:
         """The outcome for the runs with ``seeds``, which share the plan in ``book``."""
         about = book.about_run(seeds[0])
-        return cls(seeds, PlanValue(*(float(about[name]) for name in PlanValue._fields)), stored)
+        value = PlanValue(*(float(about[name]) for name in PlanValue._fields))
+        return cls(seeds, value, stored, how=(about.get("start"), about.get("iterations")))
 
 
 @dataclass(frozen=True)

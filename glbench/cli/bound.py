@@ -80,6 +80,8 @@ def bound(
     options.check_engine(engine, address)
     search = replace(make_search(task, scenario, split, start, iterations, out, sandbox, workers), address=address)
     results = list(search.stored())
+    if others := sum(one.how != (search.start.agent.name, search.iterations) for one in results):
+        console.print_warning(f"{console.count(others, 'plan')} of another --start or --iterations kept. Another --out plans anew.")
     remaining = len(search.groups) - len(results)
     alike = "" if len(search.groups) == len(search.seeds) else ", with the same given in some of them"
     words = (
@@ -111,6 +113,7 @@ def make_search(
     """The search that the options of ``glbench bound`` describe."""
     from glbench.bounds import Search, best_known, repeats_actions
     from glbench.evaluation import protect
+    from glbench.evaluation.files import ensure_writable
     from glbench.evaluation.records import usable_cores
     from glbench.resources import data_folder
     from glbench.tasks import get_task
@@ -128,7 +131,9 @@ def make_search(
     folder = out or Path("runs") / "bound" / (spec.short_id + (f"-{split}" if split != "test" else ""))
     if Path(start).suffix == ".json":
         start = str(repeats_actions(Path(start), folder / "start"))
-    return Search(spec, seeds, protect(start, sandbox.value), folder, iterations, workers or usable_cores())
+    agent = protect(start, sandbox.value)
+    ensure_writable(folder)
+    return Search(spec, seeds, agent, folder, iterations, workers or usable_cores())
 
 
 def _plans(search: Search, engine: options.EngineName, remaining: int) -> Iterator[PlanOutcome]:

@@ -84,8 +84,10 @@ def export(
     if to is not None:
         if len(what) != 1:
             refuse(f"--to takes one episode; {len(what)} are named. Export them one by one.", EpisodeError)
-        if task or noise or seed is not None or author or email or permalink:
-            refuse("--task, --noise, --seed and what is said of a dataset are for --minari. An episode is exported as it is.", EpisodeError)
+        if task or noise or runs != 10 or seed is not None or author or email or permalink:
+            refuse(
+                "--task, --runs, --noise, --seed and words on a dataset are for --minari. An episode is exported as it is.", EpisodeError
+            )
         write_table(Path(what[0]), to)
         return
     assert minari is not None

@@ -80,6 +80,8 @@ def evaluate(
     Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) continues with the
     same command; finished evaluations are not repeated. Exits with 1 when an agent cannot be used or all of its runs failed.
     """
+    if late and round_file is None:
+        refuse("--late is for a round that has closed: name its file with --round.", GlbenchError)
     if live:
         require("--live", "view", "rerun")
     options.check_engine(engine, address)

@@ -67,6 +67,8 @@ def leaderboard(
     if not stored:
         refuse(f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`.", ResultError)
     expected, suites = published_expectations(), list_suites()
+    if show_all and (names or suite):
+        refuse("--all shows every task and suite. Leave out --task and --suite.", ResultError)
     for name in suite:
         if name not in suites:
             refuse(f"There is no suite '{name}'.{did_you_mean(name, suites)}", ResultError)
@@ -109,6 +111,7 @@ def leaderboard(
     lacks = {name: f"results here.{hint}" if hint else "both results and a best known one yet." for name, hint in hints.items()}
     notes = [f"No task of the suite '{name}' has {what}" for name, what in lacks.items()]
     notes += ["The JSON has tasks only. For suites, use --suite without --task or --all."] * bool(as_json and selection and of_suites)
+    notes += [words for table in selection for words in table.late] * bool(as_json)
     console.show(
         console.View(
             chain(_parts(selection, of_suites, members=members), more()), document, notes=notes, code=int(strict and bool(problems))

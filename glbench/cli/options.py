@@ -180,10 +180,11 @@ def find_results(name: str, tasks: Sequence[str], reports: Path) -> list[StoredR
     if not tasks:
         return results
     selection = [item for item in results if {item.result.task.id, item.result.task.id.rpartition("/")[2]} & {*tasks}]
-    if not selection:
+    has = {part for item in selection for part in (item.result.task.id, item.result.task.id.rpartition("/")[2])}
+    if lacking := [task for task in tasks if task not in has]:
         others = [item.result.task.id.rpartition("/")[2] for item in results]
-        near = did_you_mean(tasks[0].rpartition("/")[2], others, list_few=False)
-        refuse(f"'{name}' has no result on {', '.join(tasks)}.{near} It has: {', '.join(others)}.", ResultError)
+        near = did_you_mean(lacking[0].rpartition("/")[2], others, list_few=False)
+        refuse(f"'{name}' has no result on {', '.join(lacking)}.{near} It has: {', '.join(others)}.", ResultError)
     return selection
 
 

@@ -320,6 +320,10 @@ def compare(
         msg = f"'{first}' has results on {', '.join(ours)}; '{second}' on {', '.join(theirs)}: none in common. Evaluate both on one task."
         raise ResultError(msg)
 
+    has = {part for one in common for board in (one, one.partition("@")[0]) for part in (board, board.rpartition("/")[2])}
+    if lacking := [one for one in tasks if one not in has]:
+        refuse(f"'{first}' and '{second}' have no results in common on {', '.join(lacking)}. Leave it out.", ResultError)
+
     def digests(entry: Entry) -> list[str]:
         return [item.result.results_digest for item in entry.trainings]
 

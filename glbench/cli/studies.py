@@ -149,6 +149,8 @@ def validate(
     from glbench.evaluation.files import ensure_writable
     from glbench.resources import write_atomically
 
+    if agents is not None and by is not None:
+        refuse("--agents compares money alone. Leave --by out, or run the two one after the other.", ArchiveError)
     if agents is not None and not sets:
         sets = [next(name for name in _BOARD_HOUSES if name in realism.HOUSES)]
     houses = realism.choose_houses(tuple(sets or ()))

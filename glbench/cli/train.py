@@ -72,6 +72,8 @@ def train(
     """
     if seeds is None and (engine is options.EngineName.RAY or workers is not None):
         refuse("--engine ray and --workers are for trainings of several seeds: add --seeds 0-4.", TrainingError)
+    if seeds is not None and seed:
+        refuse("--seed is for one training, --seeds for several: leave one of them out.", TrainingError)
     if seeds is not None and wandb:
         refuse("--wandb logs one training: give --seed instead of --seeds.", TrainingError)
     options.check_engine(engine, address)
@@ -338,8 +340,8 @@ def sweep(
     wandb: Annotated[bool, typer.Option("--wandb", help="Let Weights & Biases choose the trials (needs an account).")] = False,
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
-    if wandb and engine is options.EngineName.RAY:
-        refuse("--wandb trains on this machine: leave out --engine.", TrainingError)
+    if wandb and (engine is options.EngineName.RAY or workers is not None):
+        refuse("--wandb trains on this machine, one trial after the other: leave out --engine and --workers.", TrainingError)
     options.check_engine(engine, address)
     if wandb:
         require("--wandb", "wandb", "wandb")

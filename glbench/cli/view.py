@@ -35,7 +35,9 @@ def view(
         ),
     ],
     task: OneTask = None,
-    run: Annotated[str, typer.Option("--run", "-r", help="Which run of each result: best, worst, median, or a seed.")] = "median",
+    run: Annotated[
+        str | None, typer.Option("--run", "-r", help="Which run of each result: best, worst, median, or a seed. Default: median.")
+    ] = None,
     first_day: Annotated[
         dt.datetime | None,
         typer.Option("--from", formats=["%Y-%m-%d"], help="First day shown closely. Default: where limits were broken most."),
@@ -59,6 +61,9 @@ def view(
     web = web or port is not None
     if not (web or save or picture):
         rerun_viewer.require_screen()
+    if run is not None and all(name.endswith(EPISODE_SUFFIX) and not name.endswith(ACTIONS_SUFFIX) for name in files):
+        refuse("--run chooses a run of a result, and an episode (.mcap) is one run. Leave it out.", EpisodeError)
+    run = run or "median"
     if run not in {"best", "worst", "median"} and not run.isdecimal():
         parse_selection(run)  # has messages of its own for what is no choice at all
         refuse(f"--run {run} does not choose one run of a result. It is best, worst, median, or a seed.", EpisodeError)

@@ -554,17 +554,9 @@ def _curve(model: Model, series: ModelSignal) -> Curve:
     if series.of is not None or series.today is not None:
         return Curve(series.path, series.label, series.unit, (name,), shared=group == "weather", slow=group == "crop")
     control, weather = series.source in model.control_names, series.source in model.disturbance_names
-    return Curve(
-        series.path,
-        series.label,
-        series.unit,
-        (series.source,),
-        factor=series.factor,
-        moment="start" if control or weather else "end",
-        shared=weather,
-        slow=group == "crop",
-        span=_SHUT_TO_OPEN if control and series.unit == _PERCENT else None,
-    )
+    moment: Moment = "start" if control or weather else "end"
+    words, span = (series.path, series.label, series.unit), _SHUT_TO_OPEN if control and series.unit == _PERCENT else None
+    return Curve(*words, (series.source,), factor=series.factor, moment=moment, shared=weather, slow=group == "crop", span=span)
 
 
 def _by_amount(items: Iterable[LedgerItem]) -> tuple[LedgerItem, ...]:
@@ -584,13 +576,8 @@ def _amount_title(item: LedgerItem) -> str:
 
 
 def _summed(path: str, title: str, item: LedgerItem) -> Curve:
-    return Curve(
-        path,
-        f"{title}, summed" if item.valued == FLOW else f"{title} gained",
-        quantities.raised_unit(item.amount_unit),
-        (item.amount,),
-        "sum",
-    )
+    words = f"{title}, summed" if item.valued == FLOW else f"{title} gained"
+    return Curve(path, words, quantities.raised_unit(item.amount_unit), (item.amount,), "sum")
 
 
 def _money(task: TaskSpec) -> tuple[Curve, ...]:

@@ -401,14 +401,8 @@ _GIT_SECONDS = 10
 
 def current_versions(model: str) -> Versions:
     """Versions of everything that computes a number; ``model`` is that of the model."""
-    return Versions(
-        glbench=__version__,
-        model=model,
-        python=platform.python_version(),
-        numpy=version("numpy"),
-        casadi=version("casadi"),
-        gymnasium=version("gymnasium"),
-    )
+    packages = {name: version(name) for name in ("numpy", "casadi", "gymnasium")}
+    return Versions(glbench=__version__, model=model, python=platform.python_version(), **packages)
 
 
 def this_machine() -> Machine:

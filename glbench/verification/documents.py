@@ -127,6 +127,8 @@ def _same_runs(result: Result, log: ActionLog) -> None:
 def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
     """The task of the result, of the very version that it was made on."""
     published = result.task.id in task_ids()
+    if published and file is not None:
+        cannot_tell("no_task", f"{result.task.id} is published, and is verified as published. Leave out --task.")
     try:
         own = task_of(log.definition) if file is None and not published else None
         if own is not None and own.steps > _MOST_STEPS:

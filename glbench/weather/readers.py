@@ -93,6 +93,8 @@ def read_weather(
     """
     path = Path(path)
     if columns is not None:
+        if file_format != "auto" or year is not None or station is not None or estimate_humidity:
+            refuse("A column map says how the file is read: no --format, --year, --station or --estimate-humidity.", WeatherError)
         return read_columns(path, columns, name=name, timezone=timezone, coordinates=coordinates, fill_gaps=fill_gaps)
     if file_format not in ("auto", *FORMATS):
         refuse(f"There is no weather format '{file_format}'.{did_you_mean(file_format, ('auto', *FORMATS))}", UnknownNameError)

@@ -27,7 +27,11 @@ def test_a_search_of_two_runs_and_again(glbench: Command) -> None:
     assert "each file says from which agent's actions, and in how many iterations" in Path("runs/bound/Day-v1/card.toml").read_text()
     again = glbench(*line)
     assert "0 to plan" in again.err
+    assert "kept" not in again.err
     assert again.out == first.out
+    longer = glbench(*(option if option != "1" else "2" for option in line[:-4]), *line[-4:])
+    assert "2 plans of another --start or --iterations kept" in " ".join(longer.err.split())
+    assert longer.out == first.out
 
     # The advice for a task of one's own works as it is printed.
     advice = first.err.split("Evaluate the plans with: glbench ")[1].split()
@@ -113,6 +117,7 @@ def test_better_plans_are_taken_over(glbench: Command, here: Path, monkeypatch: 
         (("Spring-v1", "--split", "winter"), "no split 'winter'"),
         (("--submit", "x.npz"), "There is no x.npz. `glbench bound` writes books of plans."),
         (("day.toml", "--start", "nobody"), "nobody"),
+        (("day.toml", "--start", "steady.py", "--out", "day.toml"), "Cannot write into day.toml"),
     ],
 )
 def test_what_cannot_be_is_said(glbench: Command, line: tuple[str, ...], said: str) -> None:

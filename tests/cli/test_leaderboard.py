@@ -162,6 +162,10 @@ def test_json_is_nothing_but_json(reports):
     assert rows[0]["reward_mean [-]"] == 6.5
 
 
+def test_all_is_not_a_choice_of_tasks(reports):
+    assert "--all shows every task and suite" in str(run("--out", reports, "--all", "--task", "Typo-v1").exception)
+
+
 def test_suggestions_stay_in_the_folder(reports, tmp_path):
     folder = Path(shutil.copytree(reports, tmp_path / "a b"))
     shown = " ".join(run("--out", folder, "--task", "glbench/Meadow-v1").output.split())

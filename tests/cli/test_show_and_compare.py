@@ -172,6 +172,15 @@ def test_a_changed_copy_of_a_released_result_is_not_called_released(glbench, tmp
     assert "Source:" not in shown.out
 
 
+def test_a_task_without_a_result_is_named_also_beside_others(glbench):
+    both = ("--task", TASK, "--task", "Sprng-v1")
+    for command in (("show", "rule_based"), ("compare", "rule_based", "rule_based_fair")):
+        answer = glbench(*command, *both)
+        assert answer.code == 1
+        assert "Sprng-v1" in answer.err
+        assert TASK not in answer.err.partition("It has")[0]
+
+
 def test_a_short_task_name_is_the_published_one(glbench, tmp_path):
     document = json.loads((RELEASED / TASK / "rule_based_fair.json").read_text(encoding="utf-8"))
     document["task"].update(id=f"zzz/{TASK}")

@@ -267,6 +267,7 @@ def test_what_to_install_is_said_for_a_wheel_and_for_a_checkout() -> None:
         (("--engine", "ray"), "add --seeds"),
         (("--workers", "2"), "add --seeds"),
         (("--seeds", "0-1", "--wandb"), "--wandb logs one training"),
+        (("--seeds", "0-1", "--seed", "7"), "--seed is for one training"),
         (("--seeds", "2-1"), "'2-1' names no seeds"),
         (("--seeds", "0-1", "--address", "auto"), "add --engine ray"),
     ],
@@ -278,9 +279,10 @@ def test_options_that_do_not_fit_several_seeds_are_refused(glbench: Command, set
 
 
 def test_a_sweep_of_weights_and_biases_is_on_this_machine(glbench: Command, settings: Path) -> None:
-    answer = glbench("sweep", "--config", "sweep.yml", "--wandb", "--engine", "ray")
-    assert answer.code == 1
-    assert "leave out --engine" in answer.err
+    for more in (("--engine", "ray"), ("--workers", "4")):
+        answer = glbench("sweep", "--config", "sweep.yml", "--wandb", *more)
+        assert answer.code == 1
+        assert "leave out --engine and --workers" in " ".join(answer.err.split())
 
 
 @pytest.mark.slow

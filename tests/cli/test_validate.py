@@ -105,6 +105,8 @@ def test_refusals_are_said_in_words(glbench: Command, folder: Path, tmp_path: Pa
         answer = glbench("validate", folder, "--warmer", "1", *choice)
         assert answer.code == 1
         assert "--warmer shifts set points, and no set points are compared here" in " ".join(answer.err.split())
+    answer = glbench("validate", folder, "--agents", "rule_based", "--by", "actuators")
+    assert (answer.code, "--agents compares money alone" in answer.err) == (1, True)
     answer = glbench("validate", folder, "--set", "papers")
     assert answer.code == 1
     assert "no parameter set 'papers' to compare. Did you mean 'paper'" in answer.err

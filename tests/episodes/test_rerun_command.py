@@ -45,6 +45,11 @@ def test_results_and_files_are_laid_over_each_other(runs: Runs, tmp_path: Path) 
     assert "/climate/air_temperature/steady" in curves
 
 
+def test_an_episode_is_one_run(runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert glbench("view", runs.episode_file(667), "--run", 668, "--save", tmp_path / "one.rrd") == 1
+    assert "an episode (.mcap) is one run" in " ".join(capsys.readouterr().err.split())
+
+
 def test_a_run_without_a_full_episode_is_taken_again_from_its_actions(runs: Runs, tmp_path: Path) -> None:
     assert not runs.episode_file(668, "steady").exists()
     assert glbench("view", runs.steady, "--run", 668, "--save", tmp_path / "one.rrd") == 0

@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -13,11 +14,13 @@ from typer.testing import CliRunner
 from glbench.cli.app import app
 from glbench.cli.console import messages, output
 from glbench.episodes.header import definition_json
-from glbench.evaluation import result_path
+from glbench.evaluation import load_result, result_path
 from glbench.evaluation.files import LARGEST_RESULT
 from glbench.leaderboard import collect_results, rank, to_frame, to_markdown
 from glbench.resources import data_folder
 from glbench.verification import proof_path, read_proof, save_proof, verify, was_reproduced
+from glbench.verification.documents import find_task
+from glbench.verification.proof import Refused
 from tests.support import lettuce_task
 from tests.verification.forging import record_of, rewrite, rewrite_record
 
@@ -103,6 +106,12 @@ def test_a_released_result_says_how_to_get_its_record(agent, ref):
     assert f"`glbench evaluate {ref} --task glbench/Spring-v1 --fresh --out again`" in said
     assert "`glbench leaderboard --task glbench/Spring-v1 --out again` then says whether it is the same as the released one." in said
     assert "Put the file back" not in said
+
+
+def test_a_published_task_is_not_taken_from_a_file():
+    result = load_result(data_folder("reports/released/results") / "Spring-v1" / "rule_based.json")
+    with pytest.raises(Refused, match=r"is published, and is verified as published\. Leave out --task"):
+        find_task(result, None, Path("own.toml"))
 
 
 def test_of_several_results_the_refuted_one_decides_and_all_are_judged(reports, day_task):

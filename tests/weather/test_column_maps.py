@@ -51,6 +51,8 @@ def test_an_export_comes_in_through_its_map(tmp_path: Path, encoding: str) -> No
     assert (record.values("air_temperature")[0], record.values("wind_speed")[0]) == (-4.5, 5.0)
     elsewhere = read_weather(path, columns=columns, coordinates=(51.0, 4.0, 2.0), timezone="Etc/GMT-1")
     assert (elsewhere.latitude, elsewhere.altitude, elsewhere.timezone) == (51.0, 2.0, "Etc/GMT-1")
+    with pytest.raises(WeatherError, match="A column map says how the file is read: no --format, --year"):
+        read_weather(path, columns=columns, year=2015)
 
 
 def test_the_clock_goes_back_and_forward(tmp_path: Path) -> None:
