@@ -81,7 +81,9 @@ def bound(
     search = replace(make_search(task, scenario, split, start, iterations, out, sandbox, workers), address=address)
     results = list(search.stored())
     if others := sum(one.how != (search.start.agent.name, search.iterations) for one in results):
-        console.print_warning(f"{console.count(others, 'plan')} of another --start or --iterations kept. Another --out plans anew.")
+        console.print_warning(
+            f"{console.count(others, 'plan')} of another --start or --iterations kept. To plan again, choose another --out."
+        )
     remaining = len(search.groups) - len(results)
     alike = "" if len(search.groups) == len(search.seeds) else ", with the same given in some of them"
     words = (
