@@ -1698,6 +1698,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("2.54 and 2.35)", "the table above it"),
         ("published trainings earn 2.35 ± 0.03", "source: README of lettuce-greenhouse-gym 0.1.3"),
         ("the published 2.89 is of one", "source: README of lettuce-greenhouse-gym 0.1.3"),
+        ("three times as much", "0.10 against 0.03, the figures before it"),
         ("3.17 and 2.89)", "the table above it"),
         ("(published PPO: 2.36)", "the table above it"),
         ("need 5 hours from one end", "definition: ten steps of half an hour, a tenth each"),
