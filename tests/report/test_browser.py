@@ -99,9 +99,11 @@ def narrow(browser: Any, made: Any) -> Iterator[Page]:
 def draw_everything(page: Page, tall: int = TALL) -> None:
     """Scroll through the page until every chart that came into view is drawn."""
     page.wait_for_function("!document.querySelector('[aria-busy]')")
-    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     page.set_viewport_size({"width": page.viewport_size["width"], "height": tall})
-    page.wait_for_function("[...document.querySelectorAll('.chart')].every((one) => one.dataset.drawn === 'yes')")
+    page.wait_for_function("""() => {
+        document.querySelectorAll('details').forEach((one) => { one.open = true; });  // also those of a view that comes late
+        return [...document.querySelectorAll('.chart')].every((one) => one.dataset.drawn === 'yes');
+    }""")
 
 
 def test_a_malformed_address_is_not_found(visit):
