@@ -162,6 +162,13 @@ def test_json_is_nothing_but_json(reports):
     assert rows[0]["reward_mean [-]"] == 6.5
 
 
+@pytest.mark.slow
+def test_json_says_that_it_leaves_out_suites():
+    both = run("--task", "LettuceClassic-Delta05-v1", "--suite", "lettuce-classic", "--json")
+    assert {row["task"] for row in json.loads(both.stdout)} == {"glbench/LettuceClassic-Delta05-v1"}
+    assert "The JSON has tasks only. For suites" in " ".join(both.stderr.split())
+
+
 def test_all_is_not_a_choice_of_tasks(reports):
     assert "--all shows every task and suite" in str(run("--out", reports, "--all", "--task", "Typo-v1").exception)
 

@@ -41,6 +41,7 @@ def odd(here: Path) -> Path:
     [
         (("evaluate", "steady.py", *TASK, "--runs", "1000000000"), "at most 10,000 runs; got 1,000,000,000"),
         (("evaluate", "steady.py", *TASK, "--out", LONG), "File name too long"),
+        (("evaluate", "steady.py", *TASK, "--late"), "--late is for a round that has closed: name its file with --round."),
         (("leaderboard", "--out", LONG), "File name too long"),
         (("show", LONG), "File name too long"),
         (("evaluate", "steady.py", "--task", "pipe.toml"), "pipe.toml: it is a folder, a pipe or a device"),
