@@ -70,6 +70,8 @@ def bound(
     """
     if (task is None) == (not submit):
         refuse("Name the task to plan for (glbench bound GreenhouseReal-v1), or plans to hand in (--submit FILE).", GlbenchError)
+    if submit and (scenario or start or out):
+        refuse("--submit hands in plans that exist. Leave out --scenario, --start and --out.", GlbenchError)
     if task is None:
         from glbench.bounds import submit as submit_plans
 

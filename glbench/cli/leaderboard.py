@@ -69,6 +69,8 @@ def leaderboard(
     expected, suites = published_expectations(), list_suites()
     if show_all and (names or suite):
         refuse("--all shows every task and suite. Leave out --task and --suite.", ResultError)
+    if members and suite and not names:
+        refuse("--members shows the trainings in a task's table. Add --task TASK, or leave it out.", ResultError)
     for name in suite:
         if name not in suites:
             refuse(f"There is no suite '{name}'.{did_you_mean(name, suites)}", ResultError)

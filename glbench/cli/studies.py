@@ -15,6 +15,7 @@ from glbench.cli import console
 from glbench.cli.console import Markup, plain, styled
 from glbench.cli.options import AsJson, check_file
 from glbench.cli.progress import Bar, status_bar
+from glbench.errors import ArchiveError, GlbenchError, refuse
 
 if TYPE_CHECKING:
     from glbench.realism import ClimateComparison, Comparison, House
@@ -47,6 +48,8 @@ def bench(
     from glbench.speed import choose_subjects, measure, save_record
 
     check_file(out, ".json")
+    if what and quick:
+        refuse(f"--quick makes its own choice of measurements. Leave it out, or leave out {' '.join(what)}.", GlbenchError)
     subjects = choose_subjects(what or (), quick=quick)
     with status_bar("compiling model and reference", len(subjects), MofNCompleteColumn()) as update:
 
@@ -145,7 +148,6 @@ def validate(
     points in its indoor climate by those.
     """
     from glbench import realism
-    from glbench.errors import ArchiveError, refuse
     from glbench.evaluation.files import ensure_writable
     from glbench.resources import write_atomically
 

@@ -92,6 +92,8 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
     )
     zone, named_clock = _clock_of(table, " ".join(times), clock)
     if len(hours) >= 24:
+        if column is not None:
+            doubts.append(f"the column '{visible(str(column))}' was not chosen: the file has a column an hour, and all hours are read")
         seconds, prices = _days_of_hours(table, list(hours), zone or ZoneInfo(EXCHANGE_CLOCK))
         lines, price_title = np.zeros(seconds.size, dtype=np.int64), table.titles[0]
     else:

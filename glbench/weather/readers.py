@@ -105,6 +105,7 @@ def read_weather(
         ("--year", year, kind in _PARSERS),
         ("--station", station, kind == "knmi"),
         ("--estimate-humidity", estimate_humidity or None, kind == "pvgis"),
+        ("--fill-gaps", fill_gaps or None, kind != "parquet"),
     ):
         if value is not None and not fits:
             refuse(f"{path} is read as {kind}, which takes no {option}. Leave it out, or choose the --format.", WeatherError)

@@ -116,6 +116,7 @@ def test_better_plans_are_taken_over(glbench: Command, here: Path, monkeypatch: 
         (("day.toml", "--split", "training"), "has no splits"),
         (("Spring-v1", "--split", "winter"), "no split 'winter'"),
         (("--submit", "x.npz"), "There is no x.npz. `glbench bound` writes books of plans."),
+        (("--submit", "x.npz", "--scenario", "3"), "--submit hands in plans that exist."),
         (("day.toml", "--start", "nobody"), "nobody"),
         (("day.toml", "--start", "steady.py", "--out", "day.toml"), "Cannot write into day.toml"),
     ],

@@ -173,6 +173,10 @@ def test_all_is_not_a_choice_of_tasks(reports):
     assert "--all shows every task and suite" in str(run("--out", reports, "--all", "--task", "Typo-v1").exception)
 
 
+def test_members_are_shown_in_the_table_of_a_task(reports):
+    assert "Add --task TASK" in str(run("--out", reports, "--members", "--suite", "control").exception)
+
+
 def test_suggestions_stay_in_the_folder(reports, tmp_path):
     folder = Path(shutil.copytree(reports, tmp_path / "a b"))
     shown = " ".join(run("--out", folder, "--task", "glbench/Meadow-v1").output.split())

@@ -43,6 +43,8 @@ def odd(here: Path) -> Path:
         (("evaluate", "steady.py", *TASK, "--out", LONG), "File name too long"),
         (("evaluate", "steady.py", *TASK, "--late"), "--late is for a round that has closed: name its file with --round."),
         (("leaderboard", "--out", LONG), "File name too long"),
+        (("bench", "step", "--quick"), "--quick makes its own choice of measurements. Leave it out, or leave out step."),
+        (("ladder", "Spring-v1", "--agents", "", "--agent-runs", "2"), "--agent-runs has no agents to limit on"),
         (("show", LONG), "File name too long"),
         (("evaluate", "steady.py", "--task", "pipe.toml"), "pipe.toml: it is a folder, a pipe or a device"),
         (("evaluate", "steady.py", "--task", "folder.toml"), "folder.toml: it is a folder, a pipe or a device"),

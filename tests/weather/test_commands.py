@@ -333,6 +333,7 @@ def test_a_damaged_season_is_not_imported(tmp_path: Path) -> None:
     pq.write_table(table.set_column(table.column_names.index("wind_speed"), "wind_speed", wind), out)
     assert "its digest should be" in refused("import", out, "--name", "changed")
     assert "takes no --station" in refused("import", out, "--name", "changed", "--station", 240)
+    assert "takes no --fill-gaps" in refused("import", out, "--name", "changed", "--fill-gaps", 3)
 
 
 def test_statistics_are_shown_with_their_limits_and_written(tmp_path: Path) -> None:
