@@ -10,7 +10,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from zoneinfo import ZoneInfo
 
 import numpy as np
 
@@ -19,12 +18,12 @@ from glbench.errors import ArchiveError, did_you_mean, refuse
 from glbench.untrusted import visible
 from glbench.weather import preprocessing
 from glbench.weather.column_map import JOULES, UNITS, split_title, unit_among
-from glbench.weather.record import FloatArray, IntArray
+from glbench.weather.record import FloatArray, IntArray, time_zone
 
 SHORTEST, LONGEST = 60, 900  # Steps that are read [s]
 FIVE_MINUTES = 300
 EXPORT, EXPORT_WEATHER = "indoor.csv", "weather.csv"  # Files of an export; the first may have all columns
-WEATHER_UNITS: Mapping[str, str] = {
+WEATHER_UNITS = {
     "global_radiation": "W/m2", "outdoor_temperature": "degC", "outdoor_humidity": "%", "wind_speed": "m/s", "sky_temperature": "degC",
 }  # fmt: skip
 """Columns of the weather; without the last the sky is estimated."""
@@ -102,7 +101,9 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
     table, stamps = outside.oldest_first(table, outside.read_stamps(table, time))
     step = outside.step_of(stamps.seconds)
     is_utc = stamps.zoned or outside.says_utc(" ".join(time))
-    seconds = stamps.seconds if is_utc else outside.utc_of_local(table, stamps.seconds, ZoneInfo(clock), time[0])
+    if ahead := re.search(r"(?:UTC|GMT) ?([+-]\d\d?)(?![\d.]|:[1-9])", " ".join(time), re.IGNORECASE):
+        clock = f"Etc/GMT{-int(ahead[1]):+d}"
+    seconds = stamps.seconds if is_utc else outside.utc_of_local(table, stamps.seconds, time_zone(clock), time[0])
     if not SHORTEST <= step <= LONGEST:
         table.refuse(f"its step is {step / 60:g} min. Export means of {SHORTEST // 60} to {LONGEST // 60} min.")
     late = np.flatnonzero(np.diff(seconds) <= 0)
@@ -128,8 +129,8 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
             table.refuse(problem, None, title)
         factor, offset = factors[own]
         columns[name] = table.numbers(title, sentinels=(-999.0, -9999.0)) * JOULES.get(own, step * factor) / step + offset
-    comments = re.findall(r"#\s*(\w+)\s*:\s*([-+\d.,]+)", "\n".join(line for line in table.preamble if line.lstrip().startswith("#")))
-    place = {key: number for key, words in comments if (number := outside.parse_number(words, table.decimal)) is not None}
+    above = "\n".join(line for line in table.preamble if line.lstrip(' "').startswith("#"))
+    place = {key: float(words.replace(",", ".")) for key, words in re.findall(r"#\s*(\w+)\s*:\s*([-+]?\d+(?:[.,]\d+)?)", above)}
     notes = (*table.notes, *([f"columns that are not read: {'; '.join(unread)}"] if unread else []))
     begin = seconds - (step if stamps.ends else 0)
     return Export(path, begin, step, columns, table.lines, place, tuple(f"{path.name}: {note}." for note in notes))

@@ -166,7 +166,10 @@ def choose_houses(names: tuple[str, ...]) -> tuple[House, ...]:
     for name in names:
         if name not in HOUSES and not name.endswith(".toml"):
             refuse(f"There is no parameter set '{name}' to compare.{did_you_mean(name, HOUSES)}", UnknownNameError)
-    return tuple(HOUSES.get(name) or read_house(Path(name)) for name in dict.fromkeys(names)) or tuple(HOUSES.values())
+    houses = tuple(HOUSES.get(name) or read_house(Path(name)) for name in dict.fromkeys(names)) or tuple(HOUSES.values())
+    if len({one.name for one in houses}) < len(houses):
+        refuse(f"Two of these sets have one name: {', '.join(one.name for one in houses)}. Change it in one of the pages.", ArchiveError)
+    return houses
 
 
 def model(name: str = MODEL) -> Model:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import ArchiveError
-from glbench.realism.export import EXPORT, read_export
+from glbench.realism.export import EXPORT, WEATHER_UNITS, read_export
 from glbench.realism.published import DAY_ZERO, ROW_SECONDS, ROWS_A_DAY, day_of, five_minutes, moment, on_rows, read_rows
 from glbench.weather.record import FloatArray, IntArray
 
@@ -142,7 +142,7 @@ def read_indoor(
 
 def _indoor_of_export(path: Path, clock: str, first: dt.date | None, days: int | None, lamp_power: float | None) -> Indoor:
     """Of ``indoor.csv``. One column of vents stands for both sides; lamps [%] are turned into power."""
-    export = read_export(path, {name: quantity.unit for name, quantity in INDOOR.items()}, clock, lamp_power)
+    export = read_export(path, WEATHER_UNITS | {name: quantity.unit for name, quantity in INDOOR.items()}, clock, lamp_power)
     for name in REQUIRED_OF_EXPORT:
         export.need(name, INDOOR[name].unit, INDOOR[name].meaning)
     if first is None or days is None:
@@ -152,9 +152,9 @@ def _indoor_of_export(path: Path, clock: str, first: dt.date | None, days: int |
     if "vents_wind" not in export.columns:
         columns["vents_wind"] = columns["vents_lee"]
         notes = (*notes, f"{path.name}: there is no vents_wind; vents_lee counts for both sides.")
-    most = float(np.max(columns["lamps"], initial=0.0, where=np.isfinite(columns["lamps"])))
+    most = float(np.max(columns["lamps"], initial=0.0, where=columns["lamps"] <= INDOOR["lamps"].high))
     power = most if lamp_power is None else lamp_power
-    if most > power:
+    if most > power * (1.0 + 1e-6):
         msg = f"{path}: the lamps take up to {most:g} W/m2, the settings have {power:g} W/m2. Correct [lamps] there, or the file."
         raise ArchiveError(msg)
     indoor = indoor_of(path.resolve().parent.name, times, numbers, columns, power)

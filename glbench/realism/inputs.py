@@ -61,7 +61,7 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float, step_seconds: int = S
     """
     readings, numbers = five_minutes(archive.first, archive.days, clock)
     radiation, temperature, humidity, wind, net = (
-        on_rows(archive.weather.columns[name], archive.weather.rows, numbers) for name in WEATHER
+        one if archive.own else on_rows(one, archive.weather.rows, numbers) for one in map(archive.weather.columns.__getitem__, WEATHER)
     )
     missing = np.isnan(radiation + temperature + humidity + wind + net)
     notes, present, source = tuple[str, ...](), np.flatnonzero(~missing), archive.weather.source

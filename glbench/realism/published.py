@@ -286,11 +286,11 @@ def _read_own(folder: Path, clock: str) -> Archive:
     """
     table = read_export(folder / EXPORT, WEATHER_UNITS, clock)
     spans = [table.whole_days(clock)]
-    if not set(WEATHER_UNITS) & set(table.columns):
-        if not (folder / EXPORT_WEATHER).is_file():
-            msg = f"{folder} has no {EXPORT_WEATHER}, and {EXPORT} no columns of the weather: {', '.join(WEATHER_UNITS)}. Add one of them."
-            raise ArchiveError(msg)
+    if (folder / EXPORT_WEATHER).is_file() and not {*WEATHER_UNITS} - {"sky_temperature"} <= {*table.columns}:
         table = read_export(folder / EXPORT_WEATHER, WEATHER_UNITS, clock)
+    elif not {*WEATHER_UNITS} & {*table.columns}:
+        msg = f"{folder} has no {EXPORT_WEATHER}, and {EXPORT} no columns of the weather: {', '.join(WEATHER_UNITS)}. Add one of them."
+        raise ArchiveError(msg)
     measured = dict(zip(WEATHER_UNITS, WEATHER[:4], strict=False))
     for name in measured:
         table.need(name, WEATHER_UNITS[name], "weather")
@@ -300,7 +300,7 @@ def _read_own(folder: Path, clock: str) -> Archive:
     if days < 1:
         refuse(f"{folder}: climate and weather have no whole day in common. Export both for the same days.", ArchiveError)
     times, numbers = five_minutes(first, days, clock)
-    columns, notes = dict[str, FloatArray](), list(table.notes)
+    columns, notes = dict[str, FloatArray](), list(table.notes if table.file.name == EXPORT_WEATHER else ())
     for name, column in measured.items():
         values, unit, (low, high) = table.columns[name], WEATHER_UNITS[name], _LIMITS[column]
         if (wrong := np.flatnonzero((values < low) | (values > high))).size:
@@ -326,8 +326,7 @@ def _read_own(folder: Path, clock: str) -> Archive:
         sky = np.interp(times, times[0] + 1800.0 + 3600.0 * np.arange(infrared.size), preprocessing.sky_temperature_from_infrared(infrared))
         notes.append(f"{table.file.name}: {SKY_ESTIMATED}.")
     columns["Pyrgeo"] = preprocessing.STEFAN_BOLTZMANN * ((sky + preprocessing.KELVIN) ** 4 - (outside + preprocessing.KELVIN) ** 4)
-    rows, once = np.unique(numbers, return_index=True)
-    weather = Weather(rows, {name: columns[name][once] for name in WEATHER}, table.file)
+    weather = Weather(numbers, columns, table.file)
     none = np.full(days, np.nan)
     own = Compartment(folder.resolve().name, none, none, none, none, none, None, folder / EXPORT)
     return Archive(first, days, weather, (own,), tuple(notes), own=True)

@@ -94,7 +94,7 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
     if len(hours) >= 24:
         if column is not None:
             doubts.append(f"the column '{visible(str(column))}' was not chosen: the file has a column an hour, and all hours are read")
-        seconds, prices = _days_of_hours(table, list(hours), zone or ZoneInfo(EXCHANGE_CLOCK))
+        seconds, prices = _days_of_hours(table, [*hours], zone or ZoneInfo("UTC" if outside.says_utc(_titles(table)) else EXCHANGE_CLOCK))
         lines, price_title = np.zeros(seconds.size, dtype=np.int64), table.titles[0]
     else:
         price_title = _price_column(table, column)

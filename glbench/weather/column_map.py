@@ -169,7 +169,7 @@ def read_csv(
     titles = (lambda fields: any(split_title(field)[0] in (*UNITS, "slot_end", "slot_start") for field in fields)) if documented else None
     table = outside.split_table(text, str(path), WeatherError, is_titles=titles)
     comments = {
-        key.strip(): value.strip()
+        key.strip(): value.strip(" \t,;")
         for key, colon, value in (line.lstrip("# \t").partition(":") for line in table.preamble if line.lstrip().startswith("#"))
         if colon
     }
@@ -195,7 +195,7 @@ def read_csv(
         option = "--timezone ZONE" if missing == ["timezone"] else "--place LATITUDE,LONGITUDE,ALTITUDE"
         table.refuse(f"the comment lines do not give {', '.join(missing)}. Add '# {missing[0]}: ...' on top, or import with {option}.")
     if coordinates is None:
-        numbers = {key: outside.parse_number(comments[key], table.decimal) for key in REQUIRED_KEYS[:3]}
+        numbers = {key: outside.parse_number(comments[key].replace(",", ".")) for key in REQUIRED_KEYS[:3]}
         for key, number in numbers.items():
             if number is None or not np.isfinite(number):
                 table.refuse(f"'{visible(comments[key])}' for {key} is not a number. Correct the file.")

@@ -73,6 +73,18 @@ def test_unknown_houses_are_refused() -> None:
     assert choose_houses(()) == tuple(HOUSES.values())
 
 
+def test_houses_of_one_name_are_not_compared(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "identified.toml").write_text(
+            'name = "fit"\ndescription = "a page"\n[model]\nid = "greenlight-tomato-harvest-1.0.0"\nparameters = "hps_2020"\n'
+        )
+    pages = [str(tmp_path / folder / "identified.toml") for folder in ("a", "b")]
+    assert choose_houses(pages[:1])[0].name == "fit"
+    with pytest.raises(ArchiveError, match="Two of these sets have one name: fit, fit"):
+        choose_houses(pages)
+
+
 def test_a_season_uses_the_measured_light_and_co2_and_keeps_warm(archive: Archive, compared: tuple[Comparison, tuple[Season, ...]]) -> None:
     for season in compared[1]:
         for place, one in enumerate(archive.compartments):

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glbench.errors import ArchiveError
+from glbench.errors import ArchiveError, GlbenchError
 from glbench.realism import Indoor, read_archive, read_indoor, read_settings
 from glbench.realism.export import WEATHER_UNITS, read_export
 from glbench.realism.identify import SHIPPED_PAGE, read_page, read_problem
@@ -111,10 +111,73 @@ def test_a_clock_without_offset_follows_summer_time(tmp_path: Path) -> None:
 def test_times_whose_title_says_utc_are_utc(tmp_path: Path) -> None:
     path = tmp_path / "weather.csv"
     rows = [f"2020-03-29 {i // 12:02d}:{i % 12 * 5:02d},{i}" for i in range(60)]
-    for title in ("time (UTC)", "datum_utc", "time"):
+    for title in ("time (UTC)", "datum_utc", "time", "time (UTC+1)", "time [GMT+01:00]"):
         path.write_text("\n".join([f"{title},outdoor_temperature [degC]", *(row for row in rows if title != "time" or " 02" not in row)]))
         first = read_export(path, WEATHER_UNITS, "Europe/Amsterdam").seconds[0]
-        assert str(np.datetime64(int(first), "s")) == ("2020-03-28T23:00:00" if title == "time" else "2020-03-29T00:00:00")
+        is_utc = title in ("time (UTC)", "datum_utc")
+        assert str(np.datetime64(int(first), "s")) == ("2020-03-29T00:00:00" if is_utc else "2020-03-28T23:00:00")
+    path.write_text("\n".join(["time [UTC+1],outdoor_temperature [degC]", "2020-07-01 00:00,1", "2020-07-01 00:05,2"]))
+    assert str(np.datetime64(int(read_export(path, WEATHER_UNITS, "Europe/Amsterdam").seconds[0]), "s")) == "2020-06-30T23:00:00"
+
+
+def test_an_unknown_clock_is_said(tmp_path: Path) -> None:
+    folder = own_export(Made(), tmp_path)
+    with pytest.raises(GlbenchError, match="'Europe/Amsterdm' is no time zone of the IANA database"):
+        read_archive(folder, "Europe/Amsterdm")
+
+
+@pytest.mark.parametrize("written", ["52.012", "52,012", "52.012;;;", "52.012,,"])
+def test_a_place_is_read_as_it_is_written(tmp_path: Path, written: str) -> None:
+    """In a table with decimal commas, and in one that a spreadsheet saved again, with a separator for each column."""
+    folder = own_export(Made(), tmp_path)
+    table = pd.read_csv(folder / "weather.csv", index_col="time", comment="#")
+    (folder / "weather.csv").write_text(f"# latitude: {written}\n# longitude: 4.5\n" + table.to_csv(sep=";", decimal=","))
+    assert read_export(folder / "weather.csv", WEATHER_UNITS, CLOCK).place == {"latitude": 52.012, "longitude": 4.5}
+
+
+def test_columns_of_the_weather_beside_the_climate(tmp_path: Path) -> None:
+    """One column of the weather in indoor.csv leaves weather.csv in use; all of them there are no columns that are not read."""
+    folder = own_export(Made(), tmp_path)
+    inside, outside = (pd.read_csv(folder / f"{name}.csv", index_col="time", comment="#") for name in ("indoor", "weather"))
+    inside.join(outside[["outdoor_temperature [degC]"]]).to_csv(folder / "indoor.csv")
+    assert read_archive(folder, CLOCK).weather.source.name == "weather.csv"
+    inside.join(outside.assign(**{"sky_temperature [degC]": -4.0})).to_csv(folder / "indoor.csv")
+    assert read_archive(folder, CLOCK).weather.source.name == "indoor.csv"
+    assert not any("not read" in note for note in (*read_archive(folder, CLOCK).notes, *climate_of(folder).notes))
+
+
+def test_lamps_at_full_power_and_error_codes(tmp_path: Path) -> None:
+    """Rounding never makes lamps stronger than the settings say, nor does a reading that no lamp can have."""
+    folder = own_export(Made(), tmp_path)
+    table = pd.read_csv(folder / "indoor.csv", index_col="time")
+    table["lamps [%]"] = np.where(table.pop("lamps [W/m2]") > 0.0, 100.0, 0.0)
+    table.to_csv(folder / "indoor.csv")
+    for power in (62.0, 81.0, 110.0):
+        assert np.nanmax(climate_of(folder, lamp_power=power).columns["lamps"]) == pytest.approx(power)
+    table["lamps [W/m2]"] = table.pop("lamps [%]")
+    table.iloc[7, table.columns.get_loc("lamps [W/m2]")] = 6553.5
+    table.to_csv(folder / "indoor.csv")
+    assert np.nanmax(climate_of(folder, lamp_power=110.0).columns["lamps"]) == pytest.approx(100.0)
+    table.iloc[7, table.columns.get_loc("lamps [W/m2]")] = 140.0
+    table.to_csv(folder / "indoor.csv")
+    with pytest.raises(ArchiveError, match="the lamps take up to 140 W/m2, the settings have 110 W/m2"):
+        climate_of(folder, lamp_power=110.0)
+
+
+def test_both_hours_that_the_clock_repeats_have_their_own_weather(tmp_path: Path) -> None:
+    folder = own_export(Made(first=dt.date(2020, 10, 24)), tmp_path)
+    for name in ("indoor", "weather"):
+        path = folder / f"{name}.csv"
+        comments = [line for line in path.read_text().splitlines() if line.startswith("#")]
+        table = pd.read_csv(path, index_col="time", comment="#")
+        cut = list(table.index).index("2020-10-25 03:00:00")
+        table = pd.concat([table[:cut], table[cut - 12 : cut], table[cut:]])
+        if name == "weather":
+            table.iloc[cut : cut + 12, table.columns.get_loc("outdoor_temperature [degC]")] = 20.0
+        path.write_text("\n".join([*comments, table.to_csv()]))
+    outside = outdoors(read_archive(folder, CLOCK), CLOCK, 410.0, step_seconds=300).of("tOut")
+    warm = np.flatnonzero(np.isclose(outside, 20.0))
+    assert (warm.size, warm[0]) == (12, 288 + 36)
 
 
 def test_weather_that_is_never_whole_is_refused_in_words(tmp_path: Path) -> None:

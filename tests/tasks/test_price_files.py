@@ -122,6 +122,9 @@ def test_an_export_of_epex_has_a_row_a_day_and_a_column_an_hour(tmp_path: Path) 
     np.testing.assert_allclose(spring[:4], [1, 2, 4, 5])
     np.testing.assert_allclose(autumn[:5], [1, 2, 3, 3.5, 4])
     assert utc(prices)[47] == "10-29 22:00"
+    in_utc = prices_of(tmp_path, text.replace("Delivery day", "Date (UTC)").replace(";1;2;;;", ";1;2;3;;"), file_unit="EUR/MWh")
+    assert utc(in_utc)[::24] == ["03-26 00:00", "03-27 00:00", "10-30 00:00"]
+    np.testing.assert_allclose(in_utc.prices * 1e3, [*range(1, 25)] * 3)
     assert (np.diff(prices.seconds[47:]) == 3600).all()
 
 

@@ -87,7 +87,7 @@ def test_csv_with_measured_sky_temperature_uses_it(tmp_path: Path) -> None:
         (csv_text([*csv_rows(1), "2020-06-01T02:00,20,70,5,0,4"]), "row 10.*lacks an offset from UTC"),
         (csv_text(csv_rows(2), comments=CSV_COMMENTS[1:4]), "do not give timezone"),
         (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timezon: UTC")), "unknown comment '# timezon: ...'. Did you mean 'timezone'"),
-        (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# latitude: north")), "'north' for latitude is not a number"),
+        (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# latitude: north,,")), "'north' for latitude is not a number"),
         (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# latitude: 152")), "latitude 152.0 deg is impossible"),
         (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# altitude: 9500")), "altitude 9500.0 m is impossible"),
         (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timezone: Mars/Crater")), "'Mars/Crater' is no time zone"),
