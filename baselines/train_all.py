@@ -52,6 +52,7 @@ SETTINGS = {
     "imitation_lettuce": "imitation_lettuce/imitation.yml",
     "ppo_lettuce": "ppo_lettuce/ppo.yml",
     "sac_lettuce": "sac_lettuce/sac.yml",
+    "td3_lettuce": "td3_lettuce/td3.yml",
 }
 """Settings of each recipe, in this folder."""
 SEARCHES = {"ppo_harvest": ("ppo_harvest/day.yml", "ppo_harvest/all.yml")}
@@ -59,7 +60,14 @@ SEARCHES = {"ppo_harvest": ("ppo_harvest/day.yml", "ppo_harvest/all.yml")}
 VIEWS = {"outdoor": ("blind",), "ppo_greenhouse": ("sensors",), "ppo_memory_greenhouse": ("memory",), "ppo_harvest": ("memory",)}
 """What the agents of a recipe look at (docs/ladder.md), where it is not all that a task shows."""
 COMPILED = ("ppo_fast", "ppo_memory", "ppo_long", "ppo_energy", *VIEWS)
-ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac", "ppo_lettuce": "ppo", "sac_lettuce": "sac"}
+ALGORITHMS = {
+    "ppo": "ppo",
+    "sac": "sac",
+    "sac_fast": "sac",
+    "ppo_lettuce": "ppo",
+    "sac_lettuce": "sac",
+    "td3_lettuce": "stable_baselines3.TD3",
+}
 """Algorithms of Stable-Baselines3 by the recipes that use them."""
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 """The suite ``control-2025``, on which the compiled PPO, with and without memory, and SAC train; for long only where tomatoes grow."""
@@ -129,6 +137,7 @@ def plan() -> list[Job]:
     classic = [
         Job(recipe, "LettuceClassic-Delta05-v1", seed) for recipe in (*IMITATIONS, "ppo_lettuce", "sac_lettuce") for seed in range(3)
     ]
+    classic.append(Job("td3_lettuce", "LettuceClassic-Delta05-v1", 0))
     of_others = [*off_policy, *greenhouse, *energy, *harvest, *classic]
     return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *of_others]
 

@@ -37,6 +37,7 @@ ROWS = (
     Row("predictive control, end value, 3 h", "mpc_value_lettuce"),
     Row("imitation of three draws, 6 h", "imitation_lettuce"),
     Row("SAC, 13 steps of weather", "sac_lettuce", "SAC, 192k steps", ("2.89", "2.35 ± 0.03 (10 seeds)")),
+    Row("TD3, 13 steps of weather", "td3_lettuce"),
     Row("PPO, 13 steps of weather", "ppo_lettuce"),
     Row("PPO, weather of now", "", "PPO, 1M steps", ("2.36", "")),
 )
