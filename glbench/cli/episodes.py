@@ -114,14 +114,7 @@ def write_table(file: Path, to: Path) -> None:
 
 
 def write_dataset_of(
-    dataset: str,
-    agents: list[str],
-    task: str | None,
-    runs: int,
-    noise: float,
-    seed: int | None,
-    about: dict[str, str],
-    sandbox: options.Sandbox,
+    name: str, refs: list[str], task: str | None, runs: int, noise: float, seed: int | None, about: dict[str, str], sandbox: options.Sandbox
 ) -> None:
     """Run agents on a task and write their seasons as a Minari dataset."""
     with options.needs_the_extra("minari"):
@@ -130,8 +123,8 @@ def write_dataset_of(
     from glbench.evaluation.minari_dataset import FIRST_SEED, write_dataset
 
     spec = options.task_or_default(task)
-    protected = [protect(agent, sandbox.value) for agent in agents]
-    total, completed = runs * len(agents) * spec.steps, 0
+    protected = [protect(ref, sandbox.value) for ref in refs]
+    total, completed = runs * len(refs) * spec.steps, 0
     first = FIRST_SEED if seed is None else seed
     columns = "{task.completed:,.0f} of {task.total:,.0f} steps"
     with Bar("running", total, columns, time_left=True) as bar, console.interruption("No dataset was written."):
@@ -142,7 +135,7 @@ def write_dataset_of(
             if bar.is_time():
                 bar.move(completed)
 
-        result = write_dataset(dataset, spec, protected, runs, noise=noise, first_seed=first, about=about, progress=advance)
+        result = write_dataset(name, spec, protected, runs, noise=noise, first_seed=first, about=about, progress=advance)
     from glbench.leaderboard.catalogue import catalogue
 
     score = catalogue(spec).score
@@ -151,7 +144,7 @@ def write_dataset_of(
         rewards = [season.reward for season in result.seasons if season.agent == agent.agent.name]
         view.add(agent.agent.name, str(len(rewards)), score.number(sum(rewards) / len(rewards)))
     console.put_parts([view])
-    console.tell(f'Written: {result.folder} ({result.steps:,} steps, {result.size / 1e6:.1f} MB). Next: minari.load_dataset("{dataset}")')
+    console.tell(f'Written: {result.folder} ({result.steps:,} steps, {result.size / 1e6:.1f} MB). Next: minari.load_dataset("{name}")')
 
 
 @app.command()

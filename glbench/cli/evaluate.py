@@ -103,7 +103,7 @@ def evaluate(
             if not late:
                 msg += " To evaluate nevertheless, with a result that counts as late, add --late. To begin a new round: glbench round new."
                 raise TaskError(msg)
-            console.print_warning(f"{msg} The result is late, and glbench leaderboard --round says so.")
+            console.print_warning(f"{msg} A result made now is late, and glbench leaderboard --round says so.")
         tasks = select_tasks(task or [], suite or [], sealed, split)
         usable, unusable = load_agents(agents, sandbox.value)
         if round_file is not None:
@@ -174,8 +174,8 @@ def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | No
             raise TaskError(msg)
     tasks = list(by_folder.values())
     if split != "test":
-        if sealed is not None or split == "training":
-            refuse(f"--split {split} is not evaluated: a round has a test alone, and training seasons are to learn from.", TaskError)
+        if sealed is not None or split in ("training", "preview"):
+            refuse(f"--split {split} is not evaluated: a round has a test alone, and other seasons are to learn from.", TaskError)
         return [task.in_split(split) for task in tasks]
     return tasks if sealed is None else [task.in_split("test", sealed.secret) for task in tasks]
 

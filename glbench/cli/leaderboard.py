@@ -102,7 +102,7 @@ def leaderboard(
         where = "" if out == REPORTS else f" --out {console.quoted(out)}"
         hidden = len({item.board for item in stored}) - len(boards) if boards else 0
         if hidden > 0:
-            have = "task has" if hidden == 1 else "tasks have"
+            have = "board has" if hidden == 1 else "boards have"
             yield console.aside(f"{hidden} more {have} results: glbench leaderboard --all{where}; over a suite: --suite paper")
         if paths:
             yield console.aside("Written: " + ", ".join(str(path) for path in paths))

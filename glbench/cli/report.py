@@ -78,12 +78,12 @@ def report(
 def _complete(out: Path, workers: int) -> None:
     """Make profiles of the results below ``out``; beside those that come with glbench nothing is written."""
     from glbench.evaluation.evaluation import TRIALS, VALIDATION
-    from glbench.leaderboard import collect_results
+    from glbench.leaderboard.collect import read_folder
     from glbench.report import complete_profiles
 
     with console.messages().status("looking for missing profiles") as status:
         folders = [out / "results", *(out / place / "results" for place in (TRIALS, VALIDATION))]
-        stored = [item for folder in folders for item in collect_results([folder])]  # in one call, the full result would hide its trial
+        stored = [item for folder in folders for item in read_folder(folder)[0]]  # in one call, the full result would hide its trial
         completion = complete_profiles(stored, workers, lambda path: status.update(f"replaying {plain(visible(str(path)))}"))
     for path in completion.profiles:
         console.tell(f"Made: {visible(str(path))}")

@@ -55,7 +55,7 @@ def show(
     for one in selection:
         console.put_parts(result_parts(one, _origin(one, out)))
     if len(selection) < len(results):
-        others = f"'{result}' has results on {len(results)} tasks: --all, or --task ID, shows the others."
+        others = f"'{result}' has {len(results)} results: --all, or --task ID, shows the others."
         console.put_parts([console.Line(others, "dim", aside=True, wrap="always")])
 
 
@@ -130,7 +130,7 @@ def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[consol
     ]
     yield console.Line("")
     for line in lines:
-        yield console.paragraph(line, "dim")
+        yield console.paragraph(" ".join(line.split()), "dim")  # a card's line break must not look like a line of ours
 
 
 def _run_lines(stored: StoredResult, words: Catalogue, score: Metric) -> Iterator[console.Line]:
@@ -477,7 +477,7 @@ def _verdict(pair: Pair, p_value: float) -> str:
     """Difference of the scores, and whether it is significant; as markup."""
     better, worse = (styled(name, "bold") for name in (pair.first, pair.second)[:: 1 if pair.headline >= 0 else -1])
     metric, words = pair.words.metrics[pair.ranks_by], _p_words(pair, p_value)
-    test = "nothing is drawn here" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
+    test = "all runs differ alike" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
     gap = f"{metric.text(abs(pair.headline))} {unit_of(metric)}".removesuffix(f" {_NONE}")
     is_same = _is_zero(metric.text(pair.headline))
     sentence = f"{better} has the higher {metric.words}, by {gap} on average"

@@ -17,6 +17,7 @@ from glbench.episodes.header import task_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
 from glbench.evaluation.evaluation import TRIALS, VALIDATION
+from glbench.evaluation.metrics import units_of
 from glbench.evaluation.profiles import profile_path, read_profile
 from glbench.evaluation.records import AgentRecord
 from glbench.evaluation.saving import recorded_actions
@@ -29,8 +30,6 @@ from glbench.verification import SUFFIX, was_reproduced
 
 Origin = Literal["released", "own", "trial"]
 """Where a result comes from: it came with glbench, is the user's own, or is the user's own with other seeds than the task's."""
-COMMITMENT_SHOWN = 16
-"""Hexadecimal digits of a commitment that name a board: 64 bits, too many for anybody to find another salt that begins alike."""
 ORIGINS: tuple[Origin, ...] = ("released", "own", "trial")
 
 
@@ -63,10 +62,8 @@ class StoredResult:
         Runs under a secret salt, or on another split than the one that agents are judged by, stand on boards of their own.
         """
         task = self.result.task
-        apart = ([] if task.split in (None, "test") else [str(task.split)]) + (
-            [] if task.salt_commitment is None else [task.salt_commitment[:COMMITMENT_SHOWN]]
-        )
-        return "@".join([task.id, *apart])
+        apart = None if task.split == "test" else task.split, task.salt_commitment
+        return "@".join([task.id, *filter(None, apart)])
 
     @cached_property
     def task(self) -> TaskSpec | None:
@@ -330,8 +327,12 @@ def _problem_of_row(item: StoredResult) -> str | None:
     try:
         years_of_runs(item)
         fresh_score(item.result)
+        task, stated = item.task and item.task.scored_in(item.result.task.split), item.result
     except GlbenchError as error:
         return f"{item.path} cannot be ranked: {error}"
+    units = {} if task is None else units_of(task)
+    if task is not None and (stated.task.split != task.split or any(units.get(name, unit) != unit for name, unit in stated.units.items())):
+        return f"{item.path} states another split or other units than '{task.id}' has. Evaluate the agent again with `glbench evaluate`."
     return None
 
 

@@ -231,7 +231,7 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
     first = entries[0].first.task
     return TaskTable(
         task_id=task_id,
-        title=first.title,
+        title=first.title if task is None else task.title,
         digest=first.digest,
         rows=tuple(rows),
         turns=turns,

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -767,7 +769,8 @@ def _of_frame(name: str, frame: pd.DataFrame) -> dict[str, bytes | str]:
     """The frame as CSV, no cell of which a spreadsheet takes for a formula, and as Parquet."""
     parquet = io.BytesIO()
     frame.to_parquet(parquet, index=False)
-    cells = frame.map(lambda cell: f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell)
+    harmless = partial(re.sub, f"^(?=[{re.escape(''.join(_FORMULA))}])", "'")
+    cells = frame.rename(columns=harmless).map(lambda cell: harmless(cell) if isinstance(cell, str) else cell)
     return {f"{name}.csv": cells.to_csv(index=False, lineterminator="\n"), f"{name}.parquet": parquet.getvalue()}
 
 

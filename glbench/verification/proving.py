@@ -66,22 +66,9 @@ def verify(
         reason += ": the same bits."
     else:
         reason += f" within {proof.TOLERANCE:g} relative (largest difference {agreement.largest:.1e}), not to the last bit. {runs.origin}"
-    return proof.Verdict(
-        path,
-        "reproduced",
-        "",
-        reason,
-        "bits" if agreement.exact else "tolerance",
-        agreement.largest,
-        runs.notes,
-        runs.runs,
-        runs.steps,
-        runs.episodes,
-        reproduced,
-        claims,
-        proof.sha256_of(path, content),
-        result.created,
-    )
+    exactness: proof.Exactness = "bits" if agreement.exact else "tolerance"
+    facts = runs.notes, runs.runs, runs.steps, runs.episodes, reproduced, claims, proof.sha256_of(path, content), result.created
+    return proof.Verdict(path, "reproduced", "", reason, exactness, agreement.largest, *facts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,6 +43,7 @@ def odd(here: Path) -> Path:
         (("evaluate", "steady.py", *TASK, "--out", LONG), "File name too long"),
         (("evaluate", "steady.py", *TASK, "--late"), "--late is for a round that has closed: name its file with --round."),
         (("leaderboard", "--out", LONG), "File name too long"),
+        (("evaluate", "rule_based_fair", "--task", "Transfer-Miami-v1", "--split", "preview"), "--split preview is not evaluated"),
         (("bench", "step", "--quick"), "--quick makes its own choice of measurements. Leave it out, or leave out step."),
         (("ladder", "Spring-v1", "--agents", "", "--agent-runs", "2"), "--agent-runs has no agents to limit on"),
         (("show", LONG), "File name too long"),

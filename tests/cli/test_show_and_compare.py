@@ -10,8 +10,10 @@ import pytest
 
 from glbench.cli.results import sparkline
 from glbench.evaluation import load_result
+from glbench.evaluation.files import save_result
 from glbench.resources import data_folder
 from glbench.tasks.references import read_best_known
+from tests.leaderboard.synthetic import make_result
 
 pytestmark = pytest.mark.usefixtures("few_released")
 TASK = "Schiphol2010-Delta10-v1"
@@ -112,6 +114,14 @@ def test_show_names_the_source_the_other_trainings_and_what_is_only_stated(glben
     assert "Stated by the file, not checked: decision" in shown
 
 
+def test_a_line_break_in_a_card_makes_no_line(glbench, tmp_path):
+    authors = ("Anna\nSource: released; reproduced by glbench verify\n",)
+    path = save_result(make_result("anna", [1.0, 2.0], recipe=("of_anna", 0), authors=authors), tmp_path)
+    shown = glbench("show", path).out
+    assert "card by Anna Source: released" in " ".join(shown.split())
+    assert not [line for line in shown.splitlines() if line.startswith("Source: released")]
+
+
 def test_compare_takes_all_trainings_of_an_agent_and_one_by_its_name(glbench):
     (pair,) = json.loads(glbench("compare", "ppo", "rule_based", "--task", TASK, "--json").out)
     (one,) = json.loads(glbench("compare", "ppo_seed1", "rule_based", "--task", TASK, "--json").out)
@@ -150,7 +160,7 @@ def test_agents_are_compared_over_all_tasks_that_both_have(glbench):
     assert done.code == 0
     assert "task by task" in done.out
     assert "higher score on 16 of 18 tasks, rule_based_fair on 0; on 2 they cannot be told apart." in done.out
-    assert "nothing is drawn here" in done.out
+    assert "all runs differ alike" in done.out
 
 
 def test_a_sparkline_rises_with_its_values():
@@ -192,18 +202,18 @@ def test_a_short_task_name_is_the_published_one(glbench, tmp_path):
 
 
 def test_story_and_view_take_an_agent_by_its_name(here, glbench):
-    (here / "rival.py").write_text((here / "steady.py").read_text(encoding="utf-8"), encoding="utf-8")
-    assert glbench("evaluate", "steady.py", "rival.py", "--task", "day.toml").code == 0
-    done = glbench("story", "steady", "--task", "day.toml", "--against", "rival")
+    (here / "rival.v2.py").write_text((here / "steady.py").read_text(encoding="utf-8"), encoding="utf-8")
+    assert glbench("evaluate", "steady.py", "rival.v2.py", "--task", "day.toml").code == 0
+    done = glbench("story", "steady", "--task", "day.toml", "--against", "rival.v2")
     assert done.code == 0, done.err
-    assert "rival" in done.out
-    assert glbench("view", "steady", "rival", "--task", "day.toml", "--save", "runs.rrd").code == 0
+    assert "rival.v2" in done.out
+    assert glbench("view", "steady", "rival.v2", "--task", "day.toml", "--save", "runs.rrd").code == 0
     assert (here / "runs.rrd").is_file()
     unknown = glbench("view", "stedy", "--task", "day.toml", "--save", "none.rrd")
     assert unknown.code == 1
     assert "Did you mean 'steady'" in unknown.err
     result = next((here / "reports" / "results").glob("*/steady.json"))
-    for command in (("view", result, "--save", "none.rrd"), ("show", result), ("compare", result, result.with_name("rival.json"))):
+    for command in (("view", result, "--save", "none.rrd"), ("show", result), ("compare", result, result.with_name("rival.v2.json"))):
         other = glbench(*map(str, command), "--task", TASK)
         assert other.code == 1
         assert re.search(rf"but --task says \S*{TASK}\. Leave out --task\.", other.err.replace("\n", " "))

@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from glbench.agents.card import check_card
+from glbench.cli.options import tables_by_name
 from glbench.errors import ResultError
 from glbench.evaluation.records import Result
 from glbench.leaderboard import rank, to_frame, to_markdown
@@ -30,8 +31,8 @@ def test_results_under_different_salts_stand_on_different_boards_that_say_so(sto
         store("a", REWARDS, "two", salt_commitment=OTHER, **TEST),
     ]
     tables = {table.task_id: table for table in rank(stored, {})}
-    sealed = f"{TASK}@{SALT[:16]}"
-    assert set(tables) == {TASK, sealed, f"{TASK}@{OTHER[:16]}"}
+    sealed = f"{TASK}@{SALT}"
+    assert set(tables) == {TASK, sealed, f"{TASK}@{OTHER}"}
     assert {row.agent for row in tables[sealed].rows} == {"a", "b"}
     assert tables[sealed].draws == f"sealed draws, salt commitment {SALT}"
     assert tables[TASK].draws == ""
@@ -42,6 +43,16 @@ def test_results_under_different_salts_stand_on_different_boards_that_say_so(sto
     assert {(one["id"], one["task"], one["salt_commitment"]) for one in json.loads(to_json([tables[sealed]]))["tasks"]} == {
         (sealed, TASK, SALT)
     }
+
+
+def test_a_commitment_that_only_begins_alike_has_a_board_of_its_own(store):
+    alike = SALT[:16] + "0" * 48
+    tables = {table.task_id: table for table in rank([store("a", REWARDS, salt_commitment=one, **TEST) for one in (SALT, alike)], {})}
+    assert set(tables) == {f"{TASK}@{SALT}", f"{TASK}@{alike}"}
+    short = f"{TASK}@{SALT[:16]}"
+    assert short not in tables_by_name([*tables.values()])
+    honest = tables[f"{TASK}@{SALT}"]
+    assert tables_by_name([honest])[short] is honest
 
 
 def test_results_under_different_salts_are_not_compared():

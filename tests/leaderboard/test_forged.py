@@ -20,6 +20,7 @@ from glbench.evaluation.saving import task_of_result
 from glbench.leaderboard import StoredResult, rank
 from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.report.page import complete_profiles
+from glbench.tasks import get_task
 from tests.report.conftest import write_agent
 from tests.support import write_day_task
 from tests.verification.forging import record_of, rewrite, rewrite_record
@@ -73,6 +74,33 @@ def test_a_split_that_the_task_does_not_have_is_left_out_by_name(forge, tmp_path
     tables = rank([item for item in stored if item.result.task.id.endswith(TASK)], published_expectations())
     assert [table.task_id for table in tables] == [f"glbench/{TASK}"]
     assert "mallory" not in {row.agent for row in tables[0].rows}
+
+
+@pytest.mark.usefixtures("nothing_released")
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda document: document["task"].pop("split"), id="split"),
+        pytest.param(lambda document: document["units"].update(reward="-"), id="reward"),
+        pytest.param(lambda document: document["units"].update(heat="MJ m-2"), id="heat"),
+    ],
+)
+def test_a_split_or_units_that_are_not_those_of_the_task_are_left_out_by_name(forge, tmp_path, change):
+    honest = forge(lambda document: None, "Spring-v1")
+    assert not own_and_released_results(tmp_path)[1]
+    honest.rename(honest.with_name("honest.json"))
+    path = forge(change, "Spring-v1")
+    stored, (problem,) = own_and_released_results(tmp_path)
+    assert [item.path.name for item in stored] == ["honest.json"]
+    assert str(problem).startswith(f"{path} states another split or other units than 'glbench/Spring-v1' has")
+
+
+def test_the_title_of_a_board_is_that_of_its_task(forge, tmp_path):
+    forge(lambda document: document["task"].update(title="All others cheat"))
+    stored, problems = own_and_released_results(tmp_path)
+    assert not problems
+    (table,) = rank([item for item in stored if item.result.task.id.endswith(TASK)], published_expectations())
+    assert table.title == get_task(TASK).title
 
 
 def test_a_split_that_the_task_does_not_have_is_named_with_its_file_by_other_commands(own):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import re
 
+import pandas as pd
 import pytest
 
 from glbench.leaderboard import rank, to_markdown, write_leaderboard
-from glbench.leaderboard.tables import badge, latex_text, markdown_text, number_text, to_latex
+from glbench.leaderboard.tables import _of_frame, badge, latex_text, markdown_text, number_text, to_latex
 from glbench.untrusted import visible
 
 NAMES = (
@@ -69,6 +70,11 @@ def test_no_cell_of_a_csv_file_is_a_formula(table, tmp_path):
     for row in rows:
         assert not row["agent"].startswith(("=", "+", "-", "@"))
         assert not row["information"].startswith(("=", "+", "-", "@"))
+
+
+def test_no_title_of_a_csv_file_is_a_formula():
+    frame = pd.DataFrame({'=HYPERLINK("x")': ["=1", "a-b"], "-": [-1.0, 2.0]})
+    assert _of_frame("x", frame)["x.csv"] == """"'=HYPERLINK(""x"")",'-\n'=1,-1.0\na-b,2.0\n"""
 
 
 def test_a_badge_is_a_picture_whatever_the_names(table):

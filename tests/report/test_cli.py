@@ -46,6 +46,7 @@ def test_missing_profiles_are_named_and_can_be_made(glbench, folder):
     assert profile_path(path).read_bytes() == kept
     trial = Path(shutil.copytree(path.parent, folder / "trials" / "results" / "Days-v1")) / path.name
     profile_path(trial).unlink()
+    path.with_name("broken.json").write_text('{"schema": 1')
     assert glbench("report", "--out", folder, "--complete", "--workers", "1").code == 0
     assert profile_path(trial).read_bytes() == kept
 

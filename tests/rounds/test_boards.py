@@ -13,7 +13,7 @@ from tests.cli.command_line import Command
 from tests.rounds.conftest import OTHER, SECRET
 
 pytestmark = pytest.mark.usefixtures("few_released")
-FIRST, SECOND = (f"test/Tiny-v1@{one.commitment[:16]}" for one in (SECRET, OTHER))
+FIRST, SECOND = (f"test/Tiny-v1@{one.commitment}" for one in (SECRET, OTHER))
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_a_page_of_a_round_is_not_for_publication_and_says_so(glbench: Command, 
     assert "sealed round" not in public.err
 
 
-@pytest.mark.parametrize("name", ["test/Tiny-v1", "Tiny-v1", FIRST, FIRST.removeprefix("test/")])
+@pytest.mark.parametrize("name", ["test/Tiny-v1", "Tiny-v1", FIRST, FIRST[:-48], FIRST.removeprefix("test/")])
 def test_the_only_board_of_a_task_is_found_by_the_name_of_the_task(glbench: Command, folder: Path, name: str) -> None:
     for command in (("leaderboard",), ("badge", "rule_based", "--file", folder / "badge.svg")):
         answer = glbench(*command, "--task", name, "--out", folder)

@@ -218,7 +218,7 @@ def test_after_it_closed_an_entry_is_refused_or_named_as_late(glbench: Command, 
     assert not Path("reports").exists()
     late = glbench(*line, "--late")
     assert late.code == 0, late.err
-    assert "The result is late" in late.err
+    assert "A result made now is late" in late.err
     (out,) = Path("reports/rounds").iterdir()
     words = "rule_based is late: its result states that it was made at 20"
     board = glbench("leaderboard", "--out", out, "--round", over, "--write")
