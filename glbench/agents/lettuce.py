@@ -102,7 +102,7 @@ def _violations(task: TaskSpec, state: Any) -> tuple[list[Any], list[float]]:
     for name, limits in task.constraints.items():
         scale, price = 0.1 * (limits.high - limits.low), prices[name]
         sides = [(air[name] - limits.high, price), (limits.low - air[name], task.lower_prices.get(name, price))]
-        for distance, cost in sides if limits.low > 0.0 else sides[:1]:
+        for distance, cost in sides if limits.low > 0.0 or name == "air_temperature" else sides[:1]:
             distances.append(distance / scale)
             costs.append(cost * hours * scale)
     return distances, costs
@@ -186,6 +186,8 @@ class LettucePlanner:
         self._places = [task.observation_names.index(name) for name in needed]
         self._most, self._max_change = np.array([control.at_one for control in task.controls]), task.max_change
         self._task, self._step = task.task(), 0
+        if not self._task.violation_prices or self._task.ledger.price_tables:
+            refuse(f"{task.id} has no prices of violations, or other prices that change: no plan can be made.", SubmissionError)
         self._half_width = task.half_width * np.isin(LETTUCE_CLASSIC.parameter_names, self._task.uncertainty.parameters)
         self._end_value = None if self.settings.end_value is None else EndValue.read(self.settings.end_value)
         self._problem = _problem(self._task, self._horizon, self._draws)

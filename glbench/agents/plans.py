@@ -256,7 +256,8 @@ class PlanController:
         """Take the plans of these runs. Raises ``SubmissionError`` when there are none for the task or for one of the seeds."""
         book = self._plans.book(task)
         reason = f"there are none for its digest {task.digest[:12]}" if book is None else book.why_not(task)
-        search = f"glbench bound {task.short_id if task.locked else task.source}"
+        split = f" --split {task.split}" if task.split not in (None, "test") else ""
+        search = f"glbench bound {task.short_id if task.locked else task.source}{split}"
         if book is None or reason is not None:
             refuse(f"There are no plans for {task.id}: {reason}. `{search}` searches for some.", SubmissionError)
         missing = [seed for seed in seeds if seed not in book.runs]

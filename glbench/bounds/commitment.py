@@ -90,7 +90,7 @@ def _solved(
     add(full * (before - change), full * (before + change), engine=changes, on=-off * full * changes)
     add(-np.inf, first * on, on=changes, starts=past([-1.0]))
     add(-np.inf, 0.0, on=past([-1.0]), starts=past([1.0] * hold))
-    add(-np.inf, 1.0, on=past([1.0], hold), starts=past([1.0] * hold))
+    add(-np.inf, 1.0 - on * (np.arange(steps) < hold), on=past([1.0], hold), starts=past([1.0] * hold))
     bounds = np.concatenate([linear["bounds"], np.tile([0.0, 1.0], (2 * steps, 1))])
     if running is None:
         bounds[size : size + max(hold - since, 0)] = on

@@ -242,6 +242,8 @@ def _prices(task: TaskSpec, calendar: Floats) -> Flows:
     pool, prices = WeatherPool.of(task), dict[str, Floats]()
     for item in task.ledger.items:
         if item.valued == FLOW and item.flow in {*_OUTPUTS, *_DEMANDS}:
+            if item.beyond is not None:
+                refuse(f"'{item.name}' of {task.id} has another price beyond an amount, which no dispatch counts.", GlbenchError)
             price = calendar[:, pool.price_column(item.price)] if isinstance(item.price, str) else item.price
             prices[item.flow] = prices.get(item.flow, np.zeros(len(calendar))) - item.sign * item.factor * price
     if not prices:

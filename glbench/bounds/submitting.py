@@ -54,6 +54,8 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
     for task, book in _batches(files):
         if shipped and not task.locked:
             raise SubmissionError(_not_published(task.id, task.digest))
+        if shipped and (task.split not in (None, "test") or not {*book.seeds} <= {*task.evaluation.seeds}):
+            refuse(f"Best known plans are those of runs that are scored, and some of these of {task.id} are not.", SubmissionError)
         place = folder.place(task)
         best_book = read_book(place) if place.is_file() else None
         reason = None if best_book is None else best_book.why_not(task)

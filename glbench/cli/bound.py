@@ -116,6 +116,7 @@ def make_search(
 ) -> Search:
     """The search that the options of ``glbench bound`` describe."""
     from glbench.bounds import Search, best_known, repeats_actions
+    from glbench.env.actuation import actions_of
     from glbench.evaluation import protect
     from glbench.evaluation.files import ensure_writable
     from glbench.evaluation.records import usable_cores
@@ -127,6 +128,7 @@ def make_search(
         spec = spec.in_split(split)
     elif split != "test":
         refuse(f"{spec.id} has no splits: all its runs share their seasons. Leave --split out.", GlbenchError)
+    actions_of(spec, spec.initial_controls, spec.initial_controls)  # refuses actions that are no controls
     seeds = tuple(dict.fromkeys(scenario or spec.evaluation.seeds))
     if start is None:
         book = best_known().book(spec)
@@ -191,8 +193,8 @@ def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[conso
         return
     runs = sum(len(one.seeds) for one in plans)
     yield console.Line(f"Mean reward of {console.count(runs, 'run')}: {total / runs:,.3f} {unit}")
-    folder, task = console.quoted(search.folder), console.quoted(search.task.source)
-    if search.task.locked:
+    folder, task = console.quoted(search.folder), console.quoted(search.task.short_id if search.task.locked else search.task.source)
+    if search.task.locked and search.task.split in (None, "test"):
         yield console.aside(f"Hand in plans that beat the best known ones with: glbench bound --submit {folder}")
     elif search.task.split != "training":
         search.save_card()
@@ -278,4 +280,5 @@ def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | N
     yield view
     gains = [f"{words} {money(getattr(mean, one))}" for one, words in _EARNS.items() if getattr(mean, one) is not None]
     if gains:
-        yield console.Line(f"Earned at best [EUR/m2]: {', '.join(gains)}. Missed by the runs: {money(mean.left)}.")
+        missed = f" Missed by the runs: {money(mean.left)}." if buffer is None else ""
+        yield console.Line(f"Earned at best [EUR/m2]: {', '.join(gains)}.{missed}")

@@ -29,12 +29,13 @@ class PriceForecast:
         self._clock, self._step, self._begin = clock, int(task.step_seconds), begin.astype(np.int64)
         self._days, self._hour_of_day = (np.zeros((len(begin), 0), np.int64) for _ in range(2))
         self._markets = {table.source or name: table.market for name, table in self.tables.items() if table.market is not None}
-        self._columns = {
-            market: {0: names.index(f"price_{market}")}
-            | {hour: names.index(f"price_{market}_in_{hour}h") for hour in range(1, 25) if f"price_{market}_in_{hour}h" in names}
-            for market in self._markets
-            if f"price_{market}" in names
-        }
+        own_last = sorted(self.tables.items(), key=lambda item: not item[1].source)  # a market's own table, where it is shown, counts
+        shown = ((name, ahead, f"price_{name}" + f"_in_{ahead}h" * (ahead > 0), table) for name, table in own_last for ahead in range(25))
+        self._columns = [
+            (table.source or name, ahead, names.index(title), table)
+            for name, ahead, title, table in shown
+            if title in names and table.times
+        ]
         self._prices = {market: np.zeros((len(begin), 0)) for market in self._markets}
         self._weather = np.zeros((len(begin), 0, 2))  # mean radiation and wind of hours, as far as they were seen
         self._likely = {market: np.zeros((len(begin), 7)) for market in self._markets}  # log-likelihood of the weekdays
@@ -60,13 +61,12 @@ class PriceForecast:
         new = k == 0 or (k - 1) * self._step // _HOUR < place[0]
         count = (k * self._step % _HOUR) // self._step
         self._weather[runs, place] = weather if new else (self._weather[runs, place] * count + weather) / (count + 1)
-        for market, columns in self._columns.items():
-            for ahead, column in columns.items():
-                until_midnight = self._days[runs, place + ahead] == self._days[runs, place]
-                rows = np.flatnonzero(until_midnight & np.isfinite(observed[:, column]))
-                self._prices[market][rows, place[rows] + ahead] = observed[rows, column]
-            if new and place[0] > 1:
-                self._learn_weekday(market, int(place[0]) - 1)
+        for market, ahead, column, table in self._columns:
+            until_midnight = self._days[runs, place + ahead] == self._days[runs, place]
+            rows = np.flatnonzero(until_midnight & np.isfinite(observed[:, column]))
+            self._prices[market][rows, place[rows] + ahead] = (observed[rows, column] - table.plus) / table.times
+        for market in self._markets if new and place[0] > 1 else ():
+            self._learn_weekday(market, int(place[0]) - 1)
 
     def _learn_weekday(self, market: str, hour: int) -> None:
         """Weigh the seven weekdays by the step of the path to an hour that is over."""

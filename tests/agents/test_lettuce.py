@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from glbench.agents import lettuce
 from glbench.agents.baselines import read_baseline
-from glbench.agents.lettuce import LettucePlanner, LettucePlanSettings, LettuceRules
+from glbench.agents.lettuce import LettucePlanner, LettucePlanSettings, LettuceRules, _violations
 from glbench.env import Simulation
 from glbench.errors import SubmissionError
 from glbench.tasks import TaskSpec, get_task, task_card
@@ -146,6 +146,29 @@ def test_a_task_that_cannot_be_planned_for_is_refused(name: str, words: str) -> 
     task = get_task(name) if name.startswith("Schiphol") else shipped_weather(name)
     with pytest.raises(SubmissionError, match=words):
         LettucePlanner(SHORT(horizon_hours=8.0)).reset(task_card(task), 1)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        'ledger = { cost_heat = { price = "heat" } }\nprice_tables = { heat = { unit = "EUR kWh-1", hourly = %s } }' % ([0.1, 0.2] * 12),
+        'without = ["reward.violation_price"]\nreward = { penalty_scale = { co2 = { value = 100.0, unit = "ppm" }, '
+        'air_temperature = { value = 1.0, unit = "degC" }, relative_humidity = { value = 10.0, unit = "%" } } }',
+    ],
+)
+def test_a_task_with_other_prices_is_refused(tmp_path: Path, change: str) -> None:
+    head, weather, rest = TASK.format(name="LettuceClassic-Delta00-v1").partition("[weather]")
+    (tmp_path / "task.toml").write_text(f"{head}{change}\n{weather}{rest}", encoding="utf-8")
+    with pytest.raises(SubmissionError, match="has no prices of violations, or other prices that change"):
+        LettucePlanner(SHORT()).reset(task_card(get_task(tmp_path / "task.toml")), 1)
+
+
+def test_a_limit_of_frost_counts(task: TaskSpec) -> None:
+    frost = task.replace({"id": "mylab/Frost-v1", "constraints.air_temperature.low": -2.0})
+    cold = np.array([0.0035, 0.001, -4.0, 0.003])
+    colder = [np.array(_violations(one, cold)[0], dtype=float) for one in (task, frost)]
+    assert [distances.size for distances in colder] == [5, 5]
+    assert colder[1].max() == pytest.approx(2.0 / (0.1 * 22.0))
 
 
 def test_the_end_value_of_the_baseline_fits_its_model() -> None:

@@ -109,6 +109,20 @@ def test_three_hours_cost_what_trying_every_series_finds(seed: int, starts: floa
     assert way.cost(asked.prices) == pytest.approx(best, abs=2e-5)
 
 
+def test_an_engine_that_ran_before_midnight_keeps_its_hours_off() -> None:
+    """Power is dear to make for an hour after midnight: who stops then may not start again before the time of rest is over."""
+    task = energy_task({"actuation.on_off.uChp.hold_minutes": 120})
+    for seed in (0, 1, 2, 3):
+        asked, rng = asked_for(288, seed), np.random.default_rng(seed)
+        sold = np.repeat(rng.uniform(0.02, 0.2, 72), 4)
+        sold[96:100] = -0.2
+        prices = {**asked.prices, "electricity_bought": sold + 0.03, "electricity_sold": -sold}
+        way = commit(PLAIN, replace(asked, prices=prices), task)
+        assert way is not None
+        runs = np.flatnonzero(np.diff(loads_of(way, "electricity_made", PLAIN.engine) > 0.0))
+        assert np.diff(runs).min() >= 8
+
+
 def test_what_the_solver_prints_from_c_is_not_seen(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     solve = optimize.milp
 

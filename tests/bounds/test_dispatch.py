@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.bounds.dispatch import MJ_PER_KWH, Dispatch, EnergyDemand, cost, dispatch, equipment_of
+from glbench.bounds.dispatch import MJ_PER_KWH, Dispatch, EnergyDemand, _prices, cost, dispatch, equipment_of
 from glbench.bounds.energy_costs import costs, costs_of_result, mean_costs
 from glbench.episodes import Episode, replayed_episodes
 from glbench.errors import EpisodeError, GlbenchError
@@ -350,6 +350,14 @@ def test_a_task_without_an_energy_system_says_so():
         equipment_of(get_task(PAPER_TASK))
 
 
+def test_a_price_beyond_an_amount_is_said():
+    item = {"side": "paid", "flow": "heat_to_pipes", "amount": "pipe_heat", "unit": "kWh m-2", "factor": 1.0 / 3.6e6, "label": "Network"}
+    item |= {"price": {"value": 0.001, "unit": "EUR kWh-1"}}
+    item |= {"beyond": {"amount": {"value": 0.5, "unit": "kWh m-2"}, "price": {"value": 0.01, "unit": "EUR kWh-1"}}}
+    with pytest.raises(GlbenchError, match=r"'cost_pipe' of .* has another price beyond an amount, which no dispatch counts"):
+        _prices(energy_task({"ledger.cost_pipe": item}), np.zeros((1, 9)))
+
+
 def test_the_command_shows_the_costs(results, glbench):
     answer = glbench("episodes", "dispatch", results["engine"])
     assert answer.code == 0
@@ -358,6 +366,8 @@ def test_the_command_shows_the_costs(results, glbench):
     assert f"{mean.least:.3f}" in least
     assert f"{mean.left:+.3f}" in least
     assert f"the buffer {mean.buffer_earns:.3f}" in answer.out
+    assert f"Missed by the runs: {mean.left:.3f}" in answer.out
+    assert "Missed by the runs" not in glbench("episodes", "dispatch", results["engine"], "--buffer", "0.1").out  # it is of other equipment
     assert glbench("episodes", "dispatch", results["engine"], "--buffer", "inf").code == 2
     plain = json.loads(glbench("episodes", "dispatch", results["engine"], "--json", "--run", "1000").out)
     ((_, one),) = costs_of_result(results["engine"], [1000])

@@ -92,6 +92,34 @@ def test_plans_for_a_task_of_ones_own_never_become_those_of_a_published_one(
     assert PlanFolder(shipped).place(get_task("Spring-v1")).name == "Spring-v1.npz"
 
 
+@pytest.mark.usefixtures("here")
+def test_plans_of_runs_that_are_not_scored_are_not_handed_in(glbench: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Neither those of another split, nor those of other seeds of the test."""
+    shipped = tmp_path / "baselines" / "best_known" / "plans"
+    shipped.mkdir(parents=True)
+    monkeypatch.setattr(submitting, "best_known", lambda: PlanFolder(shipped))
+    monkeypatch.setattr(submitting, "data_folder", lambda name: tmp_path / name)
+    line = ("bound", "SpringYears-v1", "-n", "1", "--workers", "1", "--start", "steady.py", "--sandbox", "none")
+    made = glbench(*line, "--split", "training", "--scenario", "3", "--out", "training")
+    assert made.code == 0, made.err
+    assert "Hand in plans" not in made.err
+    refused = glbench("bound", "--submit", "training")
+    assert refused.code == 1
+    assert "Best known plans are those of runs that are scored, and some of these of glbench/SpringYears-v1 are not" in refused.err.replace(
+        "\n", " "
+    )
+    assert not list(shipped.iterdir())
+
+
+@pytest.mark.usefixtures("here")
+def test_set_points_are_refused_before_the_search(glbench: Command) -> None:
+    Path("pc.toml").write_text('base = "glbench/Spring-v1"\nid = "my/PC-v1"\ntitle = "PC"\n[actuation]\nkind = "process_computer"\n')
+    answer = glbench("bound", "pc.toml", "--start", "steady.py")
+    assert answer.code == 1
+    assert "A plan gives controls, and the actions of my/PC-v1 are of the kind 'process_computer'" in answer.err.replace("\n", " ")
+    assert "Planning" not in answer.err
+
+
 def test_better_plans_are_taken_over(glbench: Command, here: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     day = get_task(here / "day.toml")
     known = PlanFolder(tmp_path / "known")

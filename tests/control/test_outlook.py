@@ -10,6 +10,7 @@ import pytest
 from glbench.control import Climatology, Outlook, Scenario
 from glbench.control.climatology import sine_of_elevation
 from glbench.control.price_forecast import PriceForecast
+from glbench.env import Simulation
 from glbench.errors import TaskError
 from glbench.tasks import get_task
 from glbench.weather import conserving, load_weather
@@ -326,6 +327,28 @@ def test_prices_of_a_market_are_known_until_midnight_and_then_follow_sun_wind_an
         clock.append(true - true.mean())
     assert np.mean(np.array(ours)[:, :, 48] ** 2) < 0.5 * np.mean(np.array(clock)[:, :, 48] ** 2)
     assert outlook.ahead(960).calendar.shape == (2, 961, 2 + len(given.task.price_tables))  # as far beyond the season as is asked
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"price_tables.power.plus": 0.05},
+        {"price_tables.power.times": 2.0},
+        {"observation.day_ahead.prices": ["power_bought"]},
+        {"observation.modules": "no prices"},
+    ],
+)
+def test_shown_prices_are_used_in_whatever_table_they_are(changes: dict[str, object]) -> None:
+    """A market with a surcharge of its own, hours ahead of the table that follows it, and hours ahead without the price of now."""
+    base = get_task("SpringEnergy-v1")
+    if "observation.modules" in changes:
+        changes = {"observation.modules": [module for module in base.observation.modules if module != "prices"]}
+    task = base.replace({"id": "my/Short-v1", "weather.days": 2, **changes}).in_split("training")
+    outlook, simulation = Outlook(task, Climatology.of(base.in_split("training"))), Simulation(task, 1, kernel="fast")
+    outlook.reset(1)
+    outlook.update(simulation.reset([3]))
+    expected, true = outlook.ahead(24).calendar[0, :, 2:], Scenario.of(task, 3).calendar[:25, 2:]
+    np.testing.assert_allclose(expected[4:], true[4:], rtol=1e-6)  # the price of now is shown by the module prices alone
 
 
 def test_prices_begin_with_the_day_where_clocks_differ_by_half_hours() -> None:
