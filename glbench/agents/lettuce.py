@@ -187,7 +187,7 @@ class LettucePlanner:
         self._most, self._max_change = np.array([control.at_one for control in task.controls]), task.max_change
         self._task, self._step = task.task(), 0
         if not self._task.violation_prices or self._task.ledger.price_tables:
-            refuse(f"{task.id} has no prices of violations, or other prices that change: no plan can be made.", SubmissionError)
+            refuse(f"{task.id} cannot be planned for: violations must have prices, and all other prices must be constant.", SubmissionError)
         self._half_width = task.half_width * np.isin(LETTUCE_CLASSIC.parameter_names, self._task.uncertainty.parameters)
         self._end_value = None if self.settings.end_value is None else EndValue.read(self.settings.end_value)
         self._problem = _problem(self._task, self._horizon, self._draws)

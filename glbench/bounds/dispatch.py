@@ -243,7 +243,7 @@ def _prices(task: TaskSpec, calendar: Floats) -> Flows:
     for item in task.ledger.items:
         if item.valued == FLOW and item.flow in {*_OUTPUTS, *_DEMANDS}:
             if item.beyond is not None:
-                refuse(f"'{item.name}' of {task.id} has another price beyond an amount, which no dispatch counts.", GlbenchError)
+                refuse(f"The price of '{item.name}' of {task.id} changes beyond an amount: no dispatch knows that.", GlbenchError)
             price = calendar[:, pool.price_column(item.price)] if isinstance(item.price, str) else item.price
             prices[item.flow] = prices.get(item.flow, np.zeros(len(calendar))) - item.sign * item.factor * price
     if not prices:

@@ -55,7 +55,7 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
         if shipped and not task.locked:
             raise SubmissionError(_not_published(task.id, task.digest))
         if shipped and (task.split not in (None, "test") or not {*book.seeds} <= {*task.evaluation.seeds}):
-            refuse(f"Best known plans are those of runs that are scored, and some of these of {task.id} are not.", SubmissionError)
+            refuse(f"Best known plans are for scored runs only, and some of these plans for {task.id} are for other runs.", SubmissionError)
         place = folder.place(task)
         best_book = read_book(place) if place.is_file() else None
         reason = None if best_book is None else best_book.why_not(task)

@@ -71,7 +71,7 @@ def bound(
     if (task is None) == (not submit):
         refuse("Name the task to plan for (glbench bound GreenhouseReal-v1), or plans to hand in (--submit FILE).", GlbenchError)
     if submit and (scenario or start or out):
-        refuse("--submit hands in plans that exist. Leave out --scenario, --start and --out.", GlbenchError)
+        refuse("--submit hands in existing plans. Leave out --scenario, --start and --out.", GlbenchError)
     if task is None:
         from glbench.bounds import submit as submit_plans
 
@@ -128,7 +128,7 @@ def make_search(
         spec = spec.in_split(split)
     elif split != "test":
         refuse(f"{spec.id} has no splits: all its runs share their seasons. Leave --split out.", GlbenchError)
-    actions_of(spec, spec.initial_controls, spec.initial_controls)  # refuses actions that are no controls
+    actions_of(spec, spec.initial_controls, spec.initial_controls)  # refuses set points before the search
     seeds = tuple(dict.fromkeys(scenario or spec.evaluation.seeds))
     if start is None:
         book = best_known().book(spec)

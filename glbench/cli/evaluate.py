@@ -175,7 +175,7 @@ def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | No
     tasks = list(by_folder.values())
     if split != "test":
         if sealed is not None or split in ("training", "preview"):
-            refuse(f"--split {split} is not evaluated: a round has a test alone, and other seasons are to learn from.", TaskError)
+            refuse(f"--split {split} is not evaluated: a round has only a test; training and preview seasons are not scored.", TaskError)
         return [task.in_split(split) for task in tasks]
     return tasks if sealed is None else [task.in_split("test", sealed.secret) for task in tasks]
 

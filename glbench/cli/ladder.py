@@ -85,7 +85,7 @@ def ladder(
     if agents is None:
         agents = "mpc_blind,mpc" if can_be_planned(spec) else ""
     if agent_runs is not None and not agents.strip(" ,"):
-        refuse(f"--agent-runs has no agents to limit on {spec.id}. Name some with --agents, or leave it out.", GlbenchError)
+        refuse(f"--agent-runs limits agents, and there are none for {spec.id}. Name some with --agents, or leave it out.", GlbenchError)
     refs = [zero, rules, *(name.strip() for name in agents.split(",") if name.strip())]
     for ref, reason in load_agents([ref for ref in refs if not _is_view_of_mpc(ref)], "auto")[1].items():
         refuse(f"{ref}: {reason}", GlbenchError)

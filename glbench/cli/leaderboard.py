@@ -171,7 +171,7 @@ def _by_names(tables: Sequence[TaskTable], names: Sequence[str]) -> list[TaskTab
     by_name = options.tables_by_name(tables)
     for name in names:
         if name not in by_name:
-            boards = [board for board in by_name if board.startswith(f"{name}@")]
+            boards = sorted({by_name[board].task_id for board in by_name if board.startswith(name if "@" in name else f"{name}@")})
             if boards:
                 refuse(f"'{name}' has several boards here, of sealed rounds or other splits. Name one: {', '.join(boards)}.", ResultError)
             if namesakes := [board for board in by_name if board.endswith(f"/{name}")]:
@@ -217,6 +217,7 @@ def _note(text: str, style: str = "") -> console.Line:
 def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
     """Ranks and what they rest on, then what each agent grew and used."""
     from glbench.leaderboard import tables as t
+    from glbench.leaderboard.collect import short_board
 
     def agent(row: Row) -> str:
         marks = " " * (t.agent_label(row) == t.entry_label(row)) + t.REPRODUCED_MARK
@@ -263,7 +264,7 @@ def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
         replace(t.SOURCE, cell=lambda row: "" if row.training_seed is not None else str(row.origin)),
     ]
     ranks = t.TableColumn("#", lambda row: "" if row.training_seed is not None else t.NONE if row.rank is None else str(row.rank))
-    title = f"{plain(visible(table.title))}\n{styled(visible(table.task_id), 'dim')}"
+    title = f"{plain(visible(table.title))}\n{styled(visible(short_board(table.task_id)), 'dim')}"
     if table.draws:
         title += f"\n{styled(table.draws, 'yellow')}"
     columns = [ranks, t.TableColumn(_AGENT, agent), *scores]

@@ -193,7 +193,7 @@ def result_file(name: str, task: str | None) -> Path:
 
     Raises ``ResultError`` when the agent has none, ``TaskError`` when there is no such task.
     """
-    if is_file(name) or name.endswith(".mcap"):
+    if is_file(name) or name.endswith(".mcap") or len(Path(name).parts) > 1:
         return Path(name)
     spec = task_or_default(task)
     own = REPORTS / "results" / spec.short_id / f"{name}.json"  # with the record that a released one lacks
@@ -210,14 +210,14 @@ def tables_by_name(tables: Sequence[TaskTable]) -> dict[str, TaskTable]:
 
     A task whose only board is one of other draws (``ID@...``) is that board.
     """
-    from glbench.leaderboard.collect import task_of_board
+    from glbench.leaderboard.collect import short_board, task_of_board
     from glbench.registration import task_ids
 
     published = task_ids()
     ordered = sorted(tables, key=lambda table: table.task_id in published)
     tasks = [task_of_board(table.task_id) for table in ordered]
     only = {task: table for task, table in zip(tasks, ordered, strict=True) if tasks.count(task) == 1}
-    cut = [re.sub(r"(@\w{16})\w{48}$", r"\1", table.task_id) for table in ordered]  # the first digits of a commitment are enough
+    cut = [short_board(table.task_id) for table in ordered]
     begun = {name: table for name, table in zip(cut, ordered, strict=True) if cut.count(name) == 1}
     named = {**only, **begun, **{table.task_id: table for table in ordered}}
     shorts = [name.rpartition("/")[2] for name in named]

@@ -477,7 +477,7 @@ def _verdict(pair: Pair, p_value: float) -> str:
     """Difference of the scores, and whether it is significant; as markup."""
     better, worse = (styled(name, "bold") for name in (pair.first, pair.second)[:: 1 if pair.headline >= 0 else -1])
     metric, words = pair.words.metrics[pair.ranks_by], _p_words(pair, p_value)
-    test = "all runs differ alike" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
+    test = "the difference is the same in every run" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
     gap = f"{metric.text(abs(pair.headline))} {unit_of(metric)}".removesuffix(f" {_NONE}")
     is_same = _is_zero(metric.text(pair.headline))
     sentence = f"{better} has the higher {metric.words}, by {gap} on average"
@@ -497,7 +497,7 @@ def _is_zero(text: str) -> bool:
 
 
 def _p_words(pair: Pair, p_value: float) -> str:
-    """A p-value, or a dash where a task draws nothing and there is no chance to test against."""
+    """A p-value, or a dash where the difference is the same in every run, so that there is no chance to test against."""
     if pair.is_certain:
         return _NONE
     return f"{p_value:.3f}" if p_value >= 0.001 else "<0.001"

@@ -49,7 +49,7 @@ def bench(
 
     check_file(out, ".json")
     if what and quick:
-        refuse(f"--quick makes its own choice of measurements. Leave it out, or leave out {' '.join(what)}.", GlbenchError)
+        refuse(f"--quick chooses the measurements itself. Leave out --quick or {' '.join(what)}.", GlbenchError)
     subjects = choose_subjects(what or (), quick=quick)
     with status_bar("compiling model and reference", len(subjects), MofNCompleteColumn()) as update:
 

@@ -29,7 +29,7 @@ class PriceForecast:
         self._clock, self._step, self._begin = clock, int(task.step_seconds), begin.astype(np.int64)
         self._days, self._hour_of_day = (np.zeros((len(begin), 0), np.int64) for _ in range(2))
         self._markets = {table.source or name: table.market for name, table in self.tables.items() if table.market is not None}
-        own_last = sorted(self.tables.items(), key=lambda item: not item[1].source)  # a market's own table, where it is shown, counts
+        own_last = sorted(self.tables.items(), key=lambda item: not item[1].source)  # a market's own table overrides those that follow it
         shown = ((name, ahead, f"price_{name}" + f"_in_{ahead}h" * (ahead > 0), table) for name, table in own_last for ahead in range(25))
         self._columns = [
             (table.source or name, ahead, names.index(title), table)

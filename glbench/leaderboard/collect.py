@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -105,6 +106,11 @@ def years_of_runs(item: StoredResult) -> tuple[int, ...]:
 def task_of_board(board: str) -> str:
     """Id of the task of a board, see ``StoredResult.board``; no id holds an ``@``."""
     return board.partition("@")[0]
+
+
+def short_board(board: str) -> str:
+    """A board with the first 16 digits of its commitment, as people write it."""
+    return re.sub(r"(@\w{16})\w{48}$", r"\1", board)
 
 
 @dataclass(frozen=True)
@@ -332,7 +338,7 @@ def _problem_of_row(item: StoredResult) -> str | None:
         return f"{item.path} cannot be ranked: {error}"
     units = {} if task is None else units_of(task)
     if task is not None and (stated.task.split != task.split or any(units.get(name, unit) != unit for name, unit in stated.units.items())):
-        return f"{item.path} states another split or other units than '{task.id}' has. Evaluate the agent again with `glbench evaluate`."
+        return f"{item.path} states a split or units that are not those of '{task.id}'. Evaluate the agent again with `glbench evaluate`."
     return None
 
 

@@ -71,7 +71,7 @@ class Pair:
 
     @property
     def is_certain(self) -> bool:
-        """Whether all runs differ alike, because the task draws nothing."""
+        """Whether the difference is the same in every run."""
         difference = self.metrics[self.ranks_by].difference
         return difference is None or (self.runs > 1 and difference.low == difference.high)
 

@@ -22,6 +22,7 @@ from pydantic import Field
 from glbench.agents.naming import without_seed
 from glbench.errors import ResultError, did_you_mean, refuse
 from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_published
+from glbench.leaderboard.collect import short_board
 from glbench.leaderboard.entries import resolution_of
 from glbench.leaderboard.fresh_draws import fresh_note
 from glbench.leaderboard.ranking import Row, TaskTable
@@ -970,7 +971,7 @@ def badge(table: TaskTable, agent: str) -> str:
         parts.append(row.origin)
     if row.reproduced:
         parts.append("reproduced")
-    left, right = visible(table.task_id), ", ".join(parts)
+    left, right = visible(short_board(table.task_id)), ", ".join(parts)
     first, second = (round(len(text) * _CHARACTER) + 2 * _PADDING for text in (left, right))
     title = f"{escape(left)}: {escape(right)}"
     return (

@@ -8,7 +8,7 @@ from __future__ import annotations
 import datetime as dt
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from glbench.weather import preprocessing
 from glbench.weather.column_map import JOULES, UNITS, split_title, unit_among
 from glbench.weather.record import FloatArray, IntArray, time_zone
 
+_OFFSET = re.compile(r"(?:UTC|GMT|/)\s*([+-])\s*(\d\d?)(?:00)?(?![.,]?\d|:[1-9])", re.IGNORECASE)
 SHORTEST, LONGEST = 60, 900  # Steps that are read [s]
 FIVE_MINUTES = 300
 EXPORT, EXPORT_WEATHER = "indoor.csv", "weather.csv"  # Files of an export; the first may have all columns
@@ -89,9 +90,9 @@ class Export:
 def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: float | None = None) -> Export:
     """Read the columns that ``units`` names, with their canonical unit. None of them has to be there.
 
-    Stamps without an offset from UTC are of ``clock``, unless their title says UTC; ``lamp_power`` [W m-2] is that of 100 % in the column
-    ``lamps``. Raises ``ArchiveError`` when table or times cannot be read, a title lacks its unit, or a value is not a number; names row and
-    column.
+    Stamps without an offset from UTC are of ``clock``, unless their title says UTC or UTC+1; ``lamp_power`` [W m-2] is that of 100 % in the
+    column ``lamps``. Raises ``ArchiveError`` when table or times cannot be read, a title lacks its unit, or a value is not a number; names
+    row and column.
     """
     text = outside.read_text(path, ArchiveError)
     table = outside.split_table(text, str(path), ArchiveError)
@@ -101,8 +102,10 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
     table, stamps = outside.oldest_first(table, outside.read_stamps(table, time))
     step = outside.step_of(stamps.seconds)
     is_utc = stamps.zoned or outside.says_utc(" ".join(time))
-    if ahead := re.search(r"(?:UTC|GMT) ?([+-]\d\d?)(?![\d.]|:[1-9])", " ".join(time), re.IGNORECASE):
-        clock = f"Etc/GMT{-int(ahead[1]):+d}"
+    ahead = [] if is_utc else sorted({int(sign + hours) for sign, hours in _OFFSET.findall(" ".join(time))})
+    if len(ahead) == 1:  # a title that names two is of a clock with summer time
+        clock = f"Etc/GMT{-ahead[0]:+d}"
+        table = replace(table, notes=(*table.notes, f"times are read as UTC{ahead[0]:+d} all year, as their title says"))
     seconds = stamps.seconds if is_utc else outside.utc_of_local(table, stamps.seconds, time_zone(clock), time[0])
     if not SHORTEST <= step <= LONGEST:
         table.refuse(f"its step is {step / 60:g} min. Export means of {SHORTEST // 60} to {LONGEST // 60} min.")

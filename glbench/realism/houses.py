@@ -168,7 +168,7 @@ def choose_houses(names: tuple[str, ...]) -> tuple[House, ...]:
             refuse(f"There is no parameter set '{name}' to compare.{did_you_mean(name, HOUSES)}", UnknownNameError)
     houses = tuple(HOUSES.get(name) or read_house(Path(name)) for name in dict.fromkeys(names)) or tuple(HOUSES.values())
     if len({one.name for one in houses}) < len(houses):
-        refuse(f"Two of these sets have one name: {', '.join(one.name for one in houses)}. Change it in one of the pages.", ArchiveError)
+        refuse(f"Two of these sets have the same name: {', '.join(one.name for one in houses)}. Rename one of them.", ArchiveError)
     return houses
 
 

@@ -93,7 +93,7 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
     zone, named_clock = _clock_of(table, " ".join(times), clock)
     if len(hours) >= 24:
         if column is not None:
-            doubts.append(f"the column '{visible(str(column))}' was not chosen: the file has a column an hour, and all hours are read")
+            doubts.append(f"column = '{visible(str(column))}' is ignored: the file has a column for each hour, and all are read")
         seconds, prices = _days_of_hours(table, [*hours], zone or ZoneInfo("UTC" if outside.says_utc(_titles(table)) else EXCHANGE_CLOCK))
         lines, price_title = np.zeros(seconds.size, dtype=np.int64), table.titles[0]
     else:

@@ -195,7 +195,9 @@ def read_csv(
         option = "--timezone ZONE" if missing == ["timezone"] else "--place LATITUDE,LONGITUDE,ALTITUDE"
         table.refuse(f"the comment lines do not give {', '.join(missing)}. Add '# {missing[0]}: ...' on top, or import with {option}.")
     if coordinates is None:
-        numbers = {key: outside.parse_number(comments[key].replace(",", ".")) for key in REQUIRED_KEYS[:3]}
+        numbers = {key: outside.parse_number(comments[key].replace(",", ".")) for key in REQUIRED_KEYS[:2]}
+        height = comments[REQUIRED_KEYS[2]]  # which may have thousands
+        numbers[REQUIRED_KEYS[2]] = outside.parse_number(height, table.decimal) or outside.parse_number(height)
         for key, number in numbers.items():
             if number is None or not np.isfinite(number):
                 table.refuse(f"'{visible(comments[key])}' for {key} is not a number. Correct the file.")

@@ -119,17 +119,8 @@ def resemblance(
     generated = generated_seasons(generator, start, within_days, days, seasons, seed)
     real = real_seasons(generator, start, within_days, days)
     figures = (*_daily(generated, real), *_midnights(generated, real), *_sums(generated, real), *_repeats(generated, seed))
-    return Resemblance(
-        source=generator.record.name,
-        digest=generator.record.digest,
-        years=generator.years,
-        start=f"{start:%m-%d}",
-        within_days=within_days,
-        days=days,
-        seasons=seasons,
-        seed=seed,
-        figures=figures,
-    )
+    record, years = generator.record, generator.years
+    return Resemblance(record.name, record.digest, years, f"{start:%m-%d}", within_days, days, seasons, seed, figures)
 
 
 def _names(generator: SeasonGenerator) -> tuple[str, ...]:

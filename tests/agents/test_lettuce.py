@@ -159,11 +159,11 @@ def test_a_task_that_cannot_be_planned_for_is_refused(name: str, words: str) -> 
 def test_a_task_with_other_prices_is_refused(tmp_path: Path, change: str) -> None:
     head, weather, rest = TASK.format(name="LettuceClassic-Delta00-v1").partition("[weather]")
     (tmp_path / "task.toml").write_text(f"{head}{change}\n{weather}{rest}", encoding="utf-8")
-    with pytest.raises(SubmissionError, match="has no prices of violations, or other prices that change"):
+    with pytest.raises(SubmissionError, match="violations must have prices, and all other prices must be constant"):
         LettucePlanner(SHORT()).reset(task_card(get_task(tmp_path / "task.toml")), 1)
 
 
-def test_a_limit_of_frost_counts(task: TaskSpec) -> None:
+def test_a_temperature_limit_below_freezing_counts(task: TaskSpec) -> None:
     frost = task.replace({"id": "mylab/Frost-v1", "constraints.air_temperature.low": -2.0})
     cold = np.array([0.0035, 0.001, -4.0, 0.003])
     colder = [np.array(_violations(one, cold)[0], dtype=float) for one in (task, frost)]

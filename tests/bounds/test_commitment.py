@@ -110,7 +110,7 @@ def test_three_hours_cost_what_trying_every_series_finds(seed: int, starts: floa
 
 
 def test_an_engine_that_ran_before_midnight_keeps_its_hours_off() -> None:
-    """Power is dear to make for an hour after midnight: who stops then may not start again before the time of rest is over."""
+    """Making power is expensive for an hour after midnight: an engine that stops then must stay off for its minimum time."""
     task = energy_task({"actuation.on_off.uChp.hold_minutes": 120})
     for seed in (0, 1, 2, 3):
         asked, rng = asked_for(288, seed), np.random.default_rng(seed)

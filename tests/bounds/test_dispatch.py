@@ -350,11 +350,11 @@ def test_a_task_without_an_energy_system_says_so():
         equipment_of(get_task(PAPER_TASK))
 
 
-def test_a_price_beyond_an_amount_is_said():
+def test_a_price_that_changes_beyond_an_amount_is_refused():
     item = {"side": "paid", "flow": "heat_to_pipes", "amount": "pipe_heat", "unit": "kWh m-2", "factor": 1.0 / 3.6e6, "label": "Network"}
     item |= {"price": {"value": 0.001, "unit": "EUR kWh-1"}}
     item |= {"beyond": {"amount": {"value": 0.5, "unit": "kWh m-2"}, "price": {"value": 0.01, "unit": "EUR kWh-1"}}}
-    with pytest.raises(GlbenchError, match=r"'cost_pipe' of .* has another price beyond an amount, which no dispatch counts"):
+    with pytest.raises(GlbenchError, match=r"The price of 'cost_pipe' of .* changes beyond an amount: no dispatch knows that"):
         _prices(energy_task({"ledger.cost_pipe": item}), np.zeros((1, 9)))
 
 

@@ -160,7 +160,7 @@ def test_agents_are_compared_over_all_tasks_that_both_have(glbench):
     assert done.code == 0
     assert "task by task" in done.out
     assert "higher score on 16 of 18 tasks, rule_based_fair on 0; on 2 they cannot be told apart." in done.out
-    assert "all runs differ alike" in done.out
+    assert "the difference is the same in every run" in done.out
 
 
 def test_a_sparkline_rises_with_its_values():

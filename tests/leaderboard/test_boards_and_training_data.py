@@ -45,7 +45,7 @@ def test_results_under_different_salts_stand_on_different_boards_that_say_so(sto
     }
 
 
-def test_a_commitment_that_only_begins_alike_has_a_board_of_its_own(store):
+def test_commitments_that_begin_alike_have_separate_boards(store):
     alike = SALT[:16] + "0" * 48
     tables = {table.task_id: table for table in rank([store("a", REWARDS, salt_commitment=one, **TEST) for one in (SALT, alike)], {})}
     assert set(tables) == {f"{TASK}@{SALT}", f"{TASK}@{alike}"}

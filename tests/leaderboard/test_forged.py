@@ -92,9 +92,10 @@ def test_a_split_or_units_that_are_not_those_of_the_task_are_left_out_by_name(fo
     path = forge(change, "Spring-v1")
     stored, (problem,) = own_and_released_results(tmp_path)
     assert [item.path.name for item in stored] == ["honest.json"]
-    assert str(problem).startswith(f"{path} states another split or other units than 'glbench/Spring-v1' has")
+    assert str(problem).startswith(f"{path} states a split or units that are not those of 'glbench/Spring-v1'")
 
 
+@pytest.mark.usefixtures("nothing_released")
 def test_the_title_of_a_board_is_that_of_its_task(forge, tmp_path):
     forge(lambda document: document["task"].update(title="All others cheat"))
     stored, problems = own_and_released_results(tmp_path)

@@ -73,7 +73,7 @@ def test_unknown_houses_are_refused() -> None:
     assert choose_houses(()) == tuple(HOUSES.values())
 
 
-def test_houses_of_one_name_are_not_compared(tmp_path: Path) -> None:
+def test_houses_with_the_same_name_are_refused(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "identified.toml").write_text(
@@ -81,7 +81,7 @@ def test_houses_of_one_name_are_not_compared(tmp_path: Path) -> None:
         )
     pages = [str(tmp_path / folder / "identified.toml") for folder in ("a", "b")]
     assert choose_houses(pages[:1])[0].name == "fit"
-    with pytest.raises(ArchiveError, match="Two of these sets have one name: fit, fit"):
+    with pytest.raises(ArchiveError, match="Two of these sets have the same name: fit, fit"):
         choose_houses(pages)
 
 

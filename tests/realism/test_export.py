@@ -116,11 +116,25 @@ def test_times_whose_title_says_utc_are_utc(tmp_path: Path) -> None:
         first = read_export(path, WEATHER_UNITS, "Europe/Amsterdam").seconds[0]
         is_utc = title in ("time (UTC)", "datum_utc")
         assert str(np.datetime64(int(first), "s")) == ("2020-03-29T00:00:00" if is_utc else "2020-03-28T23:00:00")
-    path.write_text("\n".join(["time [UTC+1],outdoor_temperature [degC]", "2020-07-01 00:00,1", "2020-07-01 00:05,2"]))
-    assert str(np.datetime64(int(read_export(path, WEATHER_UNITS, "Europe/Amsterdam").seconds[0]), "s")) == "2020-06-30T23:00:00"
 
 
-def test_an_unknown_clock_is_said(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("title", "begin"),
+    [
+        *((title, "23:00") for title in ("time [UTC+1]", "time (UTC + 1)", "time (UTC+01:00)", "time GMT+0100")),
+        *((title, "22:00") for title in ("time", "time (CET = UTC+1, summer UTC+2)", "time (UTC+1/+2)", "time (UTC+5:30)", "time (UTC+2)")),
+    ],
+)
+def test_an_offset_in_the_title_holds_all_year(tmp_path: Path, title: str, begin: str) -> None:
+    """One that names two, or half hours, says nothing: the clock of the settings counts."""
+    path = tmp_path / "weather.csv"
+    path.write_text("\n".join([f'"{title}",outdoor_temperature [degC]', "2020-07-01 00:00,1", "2020-07-01 00:05,2"]))
+    export = read_export(path, WEATHER_UNITS, "Europe/Amsterdam")
+    assert str(np.datetime64(int(export.seconds[0]), "s")) == f"2020-06-30T{begin}:00"
+    assert any("all year, as their title says" in note for note in export.notes) == (begin == "23:00" or title == "time (UTC+2)")
+
+
+def test_an_unknown_clock_is_refused(tmp_path: Path) -> None:
     folder = own_export(Made(), tmp_path)
     with pytest.raises(GlbenchError, match="'Europe/Amsterdm' is no time zone of the IANA database"):
         read_archive(folder, "Europe/Amsterdm")
@@ -136,7 +150,7 @@ def test_a_place_is_read_as_it_is_written(tmp_path: Path, written: str) -> None:
 
 
 def test_columns_of_the_weather_beside_the_climate(tmp_path: Path) -> None:
-    """One column of the weather in indoor.csv leaves weather.csv in use; all of them there are no columns that are not read."""
+    """One column of the weather in indoor.csv leaves weather.csv in use; with all of them there, none is reported as not read."""
     folder = own_export(Made(), tmp_path)
     inside, outside = (pd.read_csv(folder / f"{name}.csv", index_col="time", comment="#") for name in ("indoor", "weather"))
     inside.join(outside[["outdoor_temperature [degC]"]]).to_csv(folder / "indoor.csv")

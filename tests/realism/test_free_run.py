@@ -100,7 +100,7 @@ def test_what_cannot_be_run_is_refused() -> None:
     made = drive(indoor(2), outside(2), FIRST)
     with pytest.raises(ArchiveError, match=r"Made: the climate has 96 rows and the weather 144 steps"):
         drive(indoor(2), outside(3), FIRST)
-    with pytest.raises(ArchiveError, match=r"Made: humidity was never measured or possible: check the unit"):
+    with pytest.raises(ArchiveError, match=r"Made: no plausible reading of humidity, so nothing can be compared. Check the unit"):
         drive(with_columns(2, humidity=np.full(96, np.nan)), outside(2), FIRST)
     with pytest.raises(ArchiveError, match=r"lamps took up to 143 W/m2 \(thetaLampMax\), but the parameter set has 71.5"):
         free_run(GREENLIGHT, changed(thetaLampMax=0.5), made, SETTINGS.plants)

@@ -116,7 +116,10 @@ def test_an_export_of_epex_has_a_row_a_day_and_a_column_an_hour(tmp_path: Path) 
     text = "\n".join([";".join(titles), *(";".join([day, *cells]) for day, cells in days.items())])
     prices = prices_of(tmp_path, text, file_unit="EUR/MWh")
     assert prices.prices.size == 24 + 23 + 25
-    assert "the column 'Hour 7' was not chosen" in prices_of(tmp_path, text, file_unit="EUR/MWh", column="Hour 7").doubts[-1]
+    assert (
+        "column = 'Hour 7' is ignored: the file has a column for each hour"
+        in prices_of(tmp_path, text, file_unit="EUR/MWh", column="Hour 7").doubts[-1]
+    )
     assert utc(prices)[:1] == ["03-25 23:00"]
     spring, autumn = prices.prices[24:47] * 1e3, prices.prices[47:] * 1e3
     np.testing.assert_allclose(spring[:4], [1, 2, 4, 5])

@@ -101,6 +101,12 @@ def test_csv_files_are_refused_in_words(tmp_path: Path, text: str, words: str) -
         read_csv(csv_file(tmp_path, text))
 
 
+def test_a_place_may_have_decimal_commas_and_thousands(tmp_path: Path) -> None:
+    comments = (*CSV_COMMENTS, "# latitude: 52,012,,,,,", "# altitude: 1,600")
+    place = read_csv(csv_file(tmp_path, csv_text(csv_rows(2), comments=comments))).place
+    assert (place.latitude, place.altitude) == (52.012, 1600.0)
+
+
 @pytest.mark.parametrize(("gone", "words"), [("wind_speed [m/s]", r"missing: wind_speed \[m/s\]"), ("slot_end [UTC]", "no time column")])
 def test_a_csv_without_a_needed_column_is_refused(tmp_path: Path, gone: str, words: str) -> None:
     titles = CSV_HEADER.split(",")
