@@ -59,7 +59,7 @@ def test_a_shipped_training_is_of_the_settings_beside_it_but_for_their_seeds_and
         assert training["settings_digest"] == compiled.digest
         assert training["first_env_seed"] >= FIRST_TRAINING_SEED
         assert training.get("split", "training") == "training"
-    elif algorithm in PAPER:
+    elif algorithm in PAPER or algorithm.startswith("stable_baselines3."):
         today = read_settings(settings, algorithm, task.id)
         evaluation = today.evaluation.model_copy(update={"first_seed": card["best"]["evaluation_seeds"][0]})
         then = today.model_copy(update={"first_env_seed": training["first_env_seed"], "evaluation": evaluation})
