@@ -218,8 +218,8 @@ def tables_by_name(tables: Sequence[TaskTable]) -> dict[str, TaskTable]:
     tasks = [task_of_board(table.task_id) for table in ordered]
     only = {task: table for task, table in zip(tasks, ordered, strict=True) if tasks.count(task) == 1}
     cut = [short_board(table.task_id) for table in ordered]
-    begun = {name: table for name, table in zip(cut, ordered, strict=True) if cut.count(name) == 1}
-    named = {**only, **begun, **{table.task_id: table for table in ordered}}
+    by_start = {name: table for name, table in zip(cut, ordered, strict=True) if cut.count(name) == 1}
+    named = {**only, **by_start, **{table.task_id: table for table in ordered}}
     shorts = [name.rpartition("/")[2] for name in named]
     clear = {name: short for name, short in zip(named, shorts, strict=True) if name in published or shorts.count(short) == 1}
     return {**{short: named[name] for name, short in clear.items()}, **named}

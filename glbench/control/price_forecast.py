@@ -30,10 +30,10 @@ class PriceForecast:
         self._days, self._hour_of_day = (np.zeros((len(begin), 0), np.int64) for _ in range(2))
         self._markets = {table.source or name: table.market for name, table in self.tables.items() if table.market is not None}
         own_last = sorted(self.tables.items(), key=lambda item: not item[1].source)  # a market's own table overrides those that follow it
-        shown = ((name, ahead, f"price_{name}" + f"_in_{ahead}h" * (ahead > 0), table) for name, table in own_last for ahead in range(25))
+        titles = ((name, ahead, f"price_{name}" + f"_in_{ahead}h" * (ahead > 0), table) for name, table in own_last for ahead in range(25))
         self._columns = [
             (table.source or name, ahead, names.index(title), table)
-            for name, ahead, title, table in shown
+            for name, ahead, title, table in titles
             if title in names and table.times
         ]
         self._prices = {market: np.zeros((len(begin), 0)) for market in self._markets}

@@ -333,11 +333,11 @@ def _problem_of_row(item: StoredResult) -> str | None:
     try:
         years_of_runs(item)
         fresh_score(item.result)
-        task, stated = item.task and item.task.scored_in(item.result.task.split), item.result
+        task, own = item.task and item.task.scored_in(item.result.task.split), item.result
     except GlbenchError as error:
         return f"{item.path} cannot be ranked: {error}"
     units = {} if task is None else units_of(task)
-    if task is not None and (stated.task.split != task.split or any(units.get(name, unit) != unit for name, unit in stated.units.items())):
+    if task is not None and (own.task.split != task.split or any(units.get(name, unit) != unit for name, unit in own.units.items())):
         return f"{item.path} states a split or units that are not those of '{task.id}'. Evaluate the agent again with `glbench evaluate`."
     return None
 
