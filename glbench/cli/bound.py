@@ -124,10 +124,10 @@ def make_search(
     from glbench.tasks import get_task
 
     spec = get_task(task)
-    if spec.splits is not None:
+    if spec.splits is not None and split != "preview":
         spec = spec.in_split(split)
     elif split != "test":
-        refuse(f"{spec.id} has no splits: all its runs share their seasons. Leave --split out.", GlbenchError)
+        refuse(f"{spec.id} has no split '{split}' to plan for. Leave --split out.", GlbenchError)
     actions_of(spec, spec.initial_controls, spec.initial_controls)  # refuses set points before the search
     seeds = tuple(dict.fromkeys(scenario or spec.evaluation.seeds))
     if start is None:

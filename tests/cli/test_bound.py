@@ -142,7 +142,8 @@ def test_better_plans_are_taken_over(glbench: Command, here: Path, monkeypatch: 
     [
         ((), "Name the task to plan for"),
         (("day.toml", "--submit", "x.npz"), "Name the task to plan for"),
-        (("day.toml", "--split", "training"), "has no splits"),
+        (("day.toml", "--split", "training"), "has no split 'training' to plan for"),
+        (("Transfer-Miami-v1", "--split", "preview"), "has no split 'preview' to plan for"),
         (("Spring-v1", "--split", "winter"), "no split 'winter'"),
         (("--submit", "x.npz"), "There is no x.npz. `glbench bound` writes books of plans."),
         (("--submit", "x.npz", "--scenario", "3"), "--submit hands in existing plans."),
