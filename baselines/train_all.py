@@ -74,8 +74,8 @@ OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 OF_GREENHOUSE = {"outdoor": 5, "ppo_greenhouse": 3, "ppo_memory_greenhouse": 3}
 """Trainings of each recipe on each of ``GREENHOUSE_TASKS``. The mean of ``outdoor`` is the zero of a task's scores."""
 GREENHOUSE_TASKS = ("GreenhouseReal-v1", "Lettuce-v2")
-OF_ENERGY = ("WinterLED-v1", "SpringEnergy-v1")
-"""Tasks of the suite ``energy`` on which the compiled PPO with a memory trains, three times each."""
+OF_ENERGY = ("WinterLED-v1", "SpringEnergy-v1", "FullSeason-v1", "FullSeasonEnergy-v1")
+"""The suite ``energy``, on which the compiled PPO with a memory trains, three times each."""
 IMITATIONS = ("imitation_lettuce",)
 """Recipes that imitate a controller."""
 CARD_OF_RECIPE = "card.in.toml"

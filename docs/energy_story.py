@@ -1,7 +1,8 @@
 """Tables and picture of docs/energy-story.md: ``python -m docs.energy_story``.
 
-What rules, predictive control and best known plans earn and do on the tasks of the suite energy, from released results and their
-profiles. Nothing is simulated. Of each task the runs count that all of them have.
+What rules, learned policies, predictive control and best known plans earn and do on the tasks of the suite energy, from released
+results and their profiles. Nothing is simulated. Of each task the runs count that all of them have. Trainings of one recipe count as
+one: means over them.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ Floats = NDArray[np.float64]
 
 DOCS = Path(__file__).resolve().parent
 PAGE, PICTURE = DOCS / "energy-story.md", DOCS / "images" / "energy-day.png"
-AGENTS = {"rule_based_energy": "rules", "mpc_energy": "predictive control", "best_known": "plan"}
-COLOURS = {"rule_based_energy": ORANGE, "mpc_energy": BLUE, "best_known": GREEN}
+AGENTS = {"rule_based_energy": "rules", "ppo_energy": "learned", "mpc_energy": "predictive control", "best_known": "plan"}
+TRAININGS = {"ppo_energy": ("ppo_energy", "ppo_energy_seed1", "ppo_energy_seed2")}
+"""Results that an agent stands for, where a recipe was trained more than once."""
+COLOURS = {"rule_based_energy": ORANGE, "ppo_energy": "#cc79a7", "mpc_energy": BLUE, "best_known": GREEN}
 
 Items = Sequence[tuple[str, int, Callable[["Outcome"], float | None]]]
 """Rows of a table: what, decimals, and the number, ``None`` where the task has no such thing."""
@@ -38,18 +41,19 @@ Items = Sequence[tuple[str, int, Callable[["Outcome"], float | None]]]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an agent did in the runs of a task that all agents have: means over these."""
+    """What an agent did in the runs of a task that all agents have: means over these, and over its trainings."""
 
     task: str
-    result: Result
+    agent: str
+    results: tuple[Result, ...]
     seeds: tuple[int, ...]
 
     def mean(self, *names: str) -> float | None:
         """Mean of the sum of these metrics; ``None`` where the task has none of them."""
-        present = [name for name in names if name in self.result.units]
+        present = [name for name in names if name in self.results[0].units]
         if not present:
             return None
-        runs = [run for run in self.result.runs if run.seed in self.seeds]
+        runs = [run for result in self.results for run in result.runs if run.seed in self.seeds]
         return float(np.mean([sum(run.metrics[name] for name in present) for run in runs]))
 
     def ratio(self, amount: str, of: str) -> float | None:
@@ -59,9 +63,12 @@ class Outcome:
 
     def by_hour(self, column: str, days: int) -> Floats:
         """Mean amount in each hour of the day ``(24,)``, a day."""
-        profile = read_profile(profile_path(place(self.task, self.result.agent.name)))
-        chosen = [self.result.evaluation.seeds.index(seed) for seed in self.seeds]
-        return unpack(profile.document["hours"][column])[:, chosen].mean(axis=1) / days
+        of_trainings = []
+        for result in self.results:
+            profile = read_profile(profile_path(place(self.task, result.agent.name)))
+            chosen = [result.evaluation.seeds.index(seed) for seed in self.seeds]
+            of_trainings.append(unpack(profile.document["hours"][column])[:, chosen].mean(axis=1))
+        return np.mean(of_trainings, axis=0) / days
 
 
 def place(task: str, agent: str) -> Path:
@@ -70,13 +77,12 @@ def place(task: str, agent: str) -> Path:
 
 
 def outcomes() -> dict[str, list[Outcome]]:
-    """Of each task of the suite, of the agents that have a result; not every task has plans."""
+    """Of each task of the suite, of each agent."""
     found = {}
     for task in list_suites()["energy"]:
-        results = [load_result(place(task, agent)) for agent in AGENTS if place(task, agent).is_file()]
-        if len(results) > 1:
-            seeds = tuple(sorted(set.intersection(*(set(one.evaluation.seeds) for one in results))))
-            found[task] = [Outcome(task, one, seeds) for one in results]
+        released = {agent: tuple(load_result(place(task, name)) for name in TRAININGS.get(agent, (agent,))) for agent in AGENTS}
+        seeds = set.intersection(*(set(one.evaluation.seeds) for results in released.values() for one in results))
+        found[task] = [Outcome(task, agent, results, tuple(sorted(seeds))) for agent, results in released.items()]
     return found
 
 
@@ -122,7 +128,7 @@ def negative(value: float | None) -> float | None:
 
 def table(of_agents: list[Outcome]) -> str:
     """A row an item of money, then of what was done; a column an agent. Without items that the task does not have."""
-    lines = ["| | " + " | ".join(AGENTS[one.result.agent.name] for one in of_agents) + " |", "|---|" + "---:|" * len(of_agents)]
+    lines = ["| | " + " | ".join(AGENTS[one.agent] for one in of_agents) + " |", "|---|" + "---:|" * len(of_agents)]
     for name, digits, number in [*earned(), *done()]:
         values = [number(one) for one in of_agents]
         if None not in values:
@@ -143,8 +149,8 @@ def picture(of_task: dict[str, list[Outcome]]) -> None:
         for axis, (task, column, title, unit) in zip(axes.flat, panels, strict=True):
             days = get_task(task).weather.days
             for one in of_task[task]:
-                name = one.result.agent.name
-                axis.stairs(one.by_hour(column, days), np.arange(25), color=COLOURS[name], label=AGENTS[name], baseline=None, linewidth=1.6)
+                profile = one.by_hour(column, days)
+                axis.stairs(profile, np.arange(25), color=COLOURS[one.agent], label=AGENTS[one.agent], baseline=None, linewidth=1.6)
             axis.set(title=title, xlabel="hour of the day", ylabel=unit, xlim=(0, 24), xticks=range(0, 25, 6))
         axes[0, 0].legend(loc="lower left")
         figure.savefig(PICTURE, dpi=120, metadata={"Software": None})
