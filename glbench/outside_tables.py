@@ -418,8 +418,7 @@ class Stamps:
 
     ``seconds`` ``(rows,)`` are seconds since 1970-01-01 UTC, or on the stamps' own unnamed clock where ``zoned`` is false: they carry no
     offset from UTC (and are no counts of seconds in UTC). ``length`` is that of the intervals [s], where a stamp is a beginning and an end;
-    else ``None``. ``order`` is the one in which dates are written. ``ends``: midnight is 24:00, never 0:00, so stamps are ends of
-    intervals.
+    else ``None``. ``order`` is the one in which dates are written. ``ends``: midnight is 24:00, so stamps are ends of intervals.
     """
 
     seconds: IntArray

@@ -88,8 +88,7 @@ def real_path(path: Path) -> Path:
 def opened_archive(file: Path) -> Iterator[ZipFile]:
     """The archive in ``file``.
 
-    Raises ``ValueError`` when its contents are too many, and ``OSError``, ``zipfile.BadZipFile``, ``NotImplementedError`` as ``ZipFile``
-    does.
+    Raises ``ValueError`` when its contents are too many, and ``OSError``, ``zipfile.BadZipFile``, ``NotImplementedError`` as ``ZipFile``.
     """
     with _InPieces(file) as stream, ZipFile(stream) as archive:
         yield archive

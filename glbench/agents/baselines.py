@@ -139,8 +139,7 @@ def read_baseline(ref: str | Path) -> Baseline:
     if not place.exists() and (folder / _SAVED_MODEL).is_file():
         model = folder / _SAVED_MODEL
         command = f"glbench evaluate {shlex.quote(str(model))}"
-        msg = f"The policy in {folder} could not be exported to {card.settings}. Evaluate the model itself: {command}"
-        raise SubmissionError(msg)
+        refuse(f"The policy in {folder} could not be exported to {card.settings}. Evaluate the model itself: {command}", SubmissionError)
     if isinstance(ref, str) and ref in left_out():
         msg = f"What '{ref}' has learnt or planned ({card.settings}) is not part of this installation. {how_to_get_data()}"
         raise SubmissionError(msg)

@@ -336,8 +336,7 @@ def baseline_like(name: str) -> str | None:
 def name_of(place: Path) -> str:
     """Name of the agent in the file or folder ``place``, under which results are filed.
 
-    Raises ``SubmissionError`` when it cannot be a name, is a baseline's or too much like it, or when ``place`` is a link, which has two
-    names.
+    Raises ``SubmissionError`` when it cannot be a name, is a baseline's or too much like it, or ``place`` is a link: it has two names.
     """
     if place.is_symlink():
         msg = f"{place} is a link. Name the file or folder that it leads to, under whose name results are filed, or copy it."

@@ -420,8 +420,7 @@ def policy_for(task: TaskCard, policies: Sequence[Actor]) -> Actor:
     if not fitting:
         reasons = "; ".join(sorted({str(policy.why_not(task)) for policy in policies}))
         trained = f"glbench train ppo --task {task.id if task.id.startswith('glbench/') else 'FILE.toml'}"
-        msg = f"The trained policy does not fit this task: {reasons}. Train one for it: {trained}."
-        raise SubmissionError(msg)
+        refuse(f"The trained policy does not fit this task: {reasons}. Train one for it: {trained}.", SubmissionError)
     return min(fitting, key=lambda policy: policy.preference(task))
 
 

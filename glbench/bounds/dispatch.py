@@ -68,8 +68,7 @@ class EnergyDemand:
     """What a run asked for and paid, in steps of ``seconds``.
 
     ``flows`` are what flowed in each step, in the units of the flows. ``prices`` are what each flow cost in each step, EUR per unit of the
-    flow, below 0 where it was earned with; only flows that the ledger prices. ``start`` and ``end`` are the heat in the buffer then [MJ
-    m-2].
+    flow, below 0 where it was earned with; only flows that the ledger prices. ``start``, ``end``: heat in the buffer then [MJ m-2].
     """
 
     seconds: float

@@ -22,7 +22,7 @@ from glbench.arrays import Floats
 from glbench.bounds.commitment import redispatched
 from glbench.control import Iteration, Scenario, plan_season
 from glbench.env import Simulation, StepResult
-from glbench.errors import EpisodeError, GlbenchError, refuse
+from glbench.errors import EpisodeError, GlbenchError, SubmissionError, refuse
 from glbench.evaluation import Progress, Protected, prepare
 from glbench.evaluation.jobs import PackedTask, Payload
 from glbench.execution import Executor, JobContext, RayExecutor, local_executor
@@ -136,7 +136,10 @@ class Search:
         for seeds in self.groups:
             file = self.place(seeds)
             if file.is_file():
-                book = read_book(file)
+                try:
+                    book = read_book(file)
+                except SubmissionError as error:
+                    refuse(f"{error} Remove it to plan these runs again.", GlbenchError, error)
                 reason = book.why_not(self.task)
                 if reason is not None:
                     refuse(f"The plans in {file} are not for {self.task.id}: {reason}. Choose another folder with --out.", GlbenchError)

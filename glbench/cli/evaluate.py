@@ -160,8 +160,7 @@ def _all_failed(result: Result) -> str:
 def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, split: str = "test") -> list[TaskSpec]:
     """The tasks of these names, each once, with the draws of a ``sealed`` round if there is one; the default task when none is named.
 
-    Raises ``TaskError`` when a task has no such split, or when two tasks differ in their namespace only: their results would overwrite each
-    other.
+    Raises ``TaskError`` when a task has no such split, or two differ only in their namespace, so their results would have one place.
     """
     from glbench.tasks import DEFAULT_TASK, get_suite, get_task
 
@@ -232,7 +231,7 @@ def _evaluate(evaluation: Evaluation, printer: console.Printer, *, viewer: str |
     else:
         words = f"Already evaluated on {result.created}: this is the stored result (--fresh evaluates again)."
         printer.say(console.Line(words, aside=True, wrap="always"))
-        evaluation.complete_episodes(result)
+        evaluation.complete(result)
     if again is not None and printer.as_json:
         result = _with_fresh_draws(again, printer)
     printer.show(result_view(result, evaluation.task))

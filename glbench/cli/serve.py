@@ -14,7 +14,7 @@ import typer
 
 from glbench.cli.console import count, debugging, messages, print_warning, tell
 from glbench.cli.options import task_or_default
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.extras import require
 
 
@@ -40,22 +40,23 @@ def serve(
     from glbench.tasks.record import FIRST_TRAINING_SEED
     from glbench.untrusted import LARGEST_INTEGER
 
-    first_seed = FIRST_TRAINING_SEED if seed is None else seed
-    if not FIRST_TRAINING_SEED <= first_seed <= LARGEST_INTEGER - 2**32:
-        msg = f"--seed {seed:,} is not for trying agents: tasks are scored with such seeds. Use one from {FIRST_TRAINING_SEED:,} on."
-        raise GlbenchError(msg)
+    first_seed, last = FIRST_TRAINING_SEED if seed is None else seed, LARGEST_INTEGER - 2**32
+    if not FIRST_TRAINING_SEED <= first_seed <= last:
+        why = "is not for trying agents: tasks are scored with such seeds" if first_seed < FIRST_TRAINING_SEED else "is too large"
+        refuse(f"--seed {first_seed:,} {why}. Use one from {FIRST_TRAINING_SEED:,} to {last:,}.", GlbenchError)
     origins = [text.rstrip("/").lower() for text in allow_origin or ()]
     for text in origins:
         if not re.fullmatch(r"https?://([\w.-]+|\[[\da-f:]+\])(:\d+)?", text):
-            msg = f"--allow-origin {text} is not the origin of a web page. Give scheme, host and port, such as http://localhost:1880."
-            raise GlbenchError(msg)
+            reason = f"--allow-origin {text} is not the origin of a web page. Give scheme, host and port, such as http://localhost:1880."
+            refuse(reason, GlbenchError)
     with messages().status("preparing the task"):
+        from glbench.evaluation.files import ensure_writable
         from glbench.serve.app import application, bind, server_of
         from glbench.serve.sessions import Sessions
 
         seasons = Sessions(task_or_default(task), most=sessions, idle_minutes=idle_minutes, first_seed=first_seed, folder=episodes)
         if episodes is not None:
-            episodes.mkdir(parents=True, exist_ok=True)
+            ensure_writable(episodes)
         listener = bind(host, port)
         app = application(seasons, ("localhost", host, socket.gethostname()), origins)
         app.state.thread.submit(seasons.prepare).result()

@@ -60,8 +60,7 @@ class PredictiveController:
     the end of a season it ends with it. ``iterations`` are those of each plan, ``first_iterations`` of the first one, which has no plan
     before it, each with ``ascent_steps`` gradient steps. ``end_value`` is what the state at the end of a horizon is worth. Without one only
     the horizon counts: fruit is not yet ripe, the soil cools, and carbohydrate in store is wasted. ``margin`` is how far the limits are
-    moved inwards, by quantity, in its unit, for what is known roughly: ``{"relative_humidity": 1.0}`` plans for 84 % where 85 % is the
-    limit.
+    moved inwards, by quantity, in its unit, for what is known roughly: ``{"relative_humidity": 1.0}`` plans for 84 % where the limit is 85.
 
     The derivatives of a step ahead are recomputed once in ``renew_every`` decisions, those of the coming steps in every decision. 1
     recomputes all of them in every decision; more is faster. No plan gets worse, because every candidate is simulated. ``preset`` is that

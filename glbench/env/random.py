@@ -72,8 +72,7 @@ def uniforms(keys: Words, steps: NDArray[np.int64], count: int) -> NDArray[np.fl
     """Uniform numbers in [0, 1) with 53 random bits, addressed by key, step and position.
 
     ``keys`` has one key a row, ``(n, 2)``, and ``steps`` says which draws of each row, ``(n, m)``: counter word 0, not negative and below
-    2**32. Of the ``count`` numbers of a draw 2b and 2b + 1 come from counter word 1 = b; words 2 and 3 of the counter stay 0. Returns
-    ``(n, m, count)``.
+    2**32. Of the ``count`` numbers of a draw 2b and 2b + 1 come from counter word 1 = b; words 2 and 3 stay 0. Returns ``(n, m, count)``.
     """
     blocks = -(-count // UNIFORMS_PER_BLOCK)
     n, m = steps.shape

@@ -27,7 +27,7 @@ from glbench.evaluation.rollout import Progress, ProgressCallback, RolloutLoop, 
 from glbench.evaluation.runners import AgentRunner, make_runner
 from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
 from glbench.evaluation.sandbox.frames import Prints, SandboxLimits
-from glbench.evaluation.saving import Computed, agent_folder, make_episodes, result_lock, run_facts, save, settle, tidy
+from glbench.evaluation.saving import Computed, agent_folder, complete_profile, make_episodes, result_lock, run_facts, save, settle, tidy
 from glbench.kernel import make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.untrusted import real_path
@@ -179,7 +179,7 @@ def evaluate(
         sandbox=sandbox,
     )
     if evaluation.stored is not None:
-        evaluation.complete_episodes(evaluation.stored)
+        evaluation.complete(evaluation.stored)
     return evaluation.stored or evaluation.run(progress)
 
 
@@ -343,12 +343,15 @@ class Evaluation:
         """Lock this result, if it is to be saved. Raises ``GlbenchError`` when another process does, or no folder can be written."""
         return nullcontext() if self.out is None else result_lock(self.out, self.task.id, self.agent.name)
 
-    def complete_episodes(self, result: records.Result) -> None:
-        """Make the full episodes that are wanted and not there yet, by replaying the recorded actions of ``result``.
+    def complete(self, result: records.Result) -> None:
+        """Make the profile and the wanted full episodes where they are not there, by replaying the recorded actions of ``result``.
 
-        Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result.
+        Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result, ``ResultError`` for a damaged profile.
         """
-        if self.path is not None and self.episodes != ("none",):
+        if self.path is None:
+            return
+        complete_profile(result, self.path, self.task)
+        if self.episodes != ("none",):
             make_episodes(self.episodes, result, self.path, self.task)
 
     def _rolled_out(

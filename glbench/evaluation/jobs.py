@@ -255,7 +255,7 @@ class Outcome:
         """The outcome of a job whose result is stored; ``None`` when it is not. Missing episodes are made."""
         if evaluation.stored is None:
             return None
-        evaluation.complete_episodes(evaluation.stored)
+        evaluation.complete(evaluation.stored)
         return cls(job, evaluation.stored, None, time.monotonic() - start, stored=True)
 
 

@@ -72,12 +72,10 @@ def check_learnable(task: TaskSpec, first_seed: int, seasons: int) -> None:
     task.check_training()
     if task.split not in (None, "training"):
         refuse(f"{task.id} is in its {task.split} split, which is held out: datasets for learning come from the training split.", TaskError)
-    if not FIRST_TRAINING_SEED <= first_seed <= first_seed + seasons <= _LAST_SEED:
-        msg = (
-            f"Seeds {first_seed:,} to {first_seed + seasons - 1:,} are not for learning: tasks are scored with smaller seeds. "
-            f"Use seeds from {FIRST_TRAINING_SEED:,} to {_LAST_SEED:,}."
-        )
-        raise GlbenchError(msg)
+    last = first_seed + seasons - 1
+    if not FIRST_TRAINING_SEED <= first_seed <= last <= _LAST_SEED:
+        why = "are not for learning: tasks are scored with smaller seeds" if first_seed < FIRST_TRAINING_SEED else "are too large"
+        refuse(f"Seeds {first_seed:,} to {last:,} {why}. Use seeds from {FIRST_TRAINING_SEED:,} to {_LAST_SEED:,}.", GlbenchError)
 
 
 def check_agent(task: TaskSpec, agent: Protected, seed: int) -> None:
@@ -259,10 +257,14 @@ def _folder_of(dataset_id: str) -> Path:
 
     try:
         parse_dataset_id(dataset_id)
-    except (TypeError, ValueError):
-        msg = f"'{dataset_id}' is not a valid name for a Minari dataset: it must end with a version, such as glbench/spring/mixed-v0."
-        raise EpisodeError(msg) from None
-    folder: Path = get_dataset_path(dataset_id)
+        folder: Path = get_dataset_path(dataset_id)  # makes the folder of all datasets
+    except (TypeError, ValueError) as error:
+        rule = "made of letters, digits, '_' and '-', with namespaces of two characters or more, and a version at the end"
+        msg = f"'{dataset_id}' is not a valid name for a Minari dataset: it is {rule}, such as glbench/spring/mixed-v0."
+        raise EpisodeError(msg) from error
+    except OSError as error:
+        reason = f"Cannot make {error.filename}: {error.strerror}. Set MINARI_DATASETS_PATH to a folder that you can write to."
+        refuse(reason, EpisodeError, error)
     if folder.exists():
         msg = f"The dataset {dataset_id} exists ({folder}). Name another version, or remove it with `minari delete {dataset_id}`."
         raise EpisodeError(msg)

@@ -22,7 +22,7 @@ from glbench.agents.plans import Recording
 from glbench.errors import EpisodeError, GlbenchError, ResultError, TaskError, refuse
 from glbench.evaluation.checkpoint import discard
 from glbench.evaluation.files import SavingError, ensure_writable, load_result, result_path, save_result, short_task_id
-from glbench.evaluation.profiles import profile_path, profiled
+from glbench.evaluation.profiles import load_profile, make_profile, profile_path, profiled
 from glbench.evaluation.records import RecordReference, Result, RunResult
 from glbench.registration import task_argument, task_ids
 from glbench.resources import write_atomically
@@ -204,8 +204,7 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
     """The task of ``result``: the published one, or a user's own as the record holds it.
 
     With the secret of a ``sealed`` round it has the draws of that round; without one, the public draws, with which the runs of a sealed
-    round cannot be simulated again. Raises ``EpisodeError`` when the result is of another version of the task, or its actions cannot be
-    used.
+    round cannot be simulated again. Raises ``EpisodeError`` when it is of another version of the task, or its actions cannot be used.
     """
     task = get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()
     task = in_its_split(task, result, path)
@@ -224,6 +223,13 @@ def in_its_split(task: TaskSpec, result: Result, path: Path) -> TaskSpec:
         return task.scored_in(result.task.split)
     except TaskError as error:
         refuse(f"{path} cannot be simulated again: {error}", EpisodeError, error)
+
+
+def complete_profile(result: Result, path: Path, task: TaskSpec) -> None:
+    """Make the profile that a result names and a kill or a full disk kept from being written; errors as of ``Evaluation.complete``."""
+    if result.profile is not None and episodes.actions_path(path).exists() and load_profile(result, path) is None:
+        profile = make_profile(task, result, recorded_actions(result, path), None)
+        write_atomically(profile_path(path), profile.to_bytes())
 
 
 def recorded_actions(result: Result, path: Path) -> episodes.ActionLog:
@@ -251,8 +257,7 @@ ACTIONS_FILE = "actions.npz"
 def write_recording(result: Path, seed: int, folder: Path) -> Recording:
     """Write the actions of the run with ``seed`` of the stored ``result`` as an agent into the new folder ``folder``.
 
-    Raises ``EpisodeError`` when there is no such run, it failed, its record is missing or damaged, it sets controls directly, or the folder
-    is not empty.
+    Raises ``EpisodeError`` when there is no such run, it failed, its record is damaged or missing, it sets controls, or ``folder`` exists.
     """
     loaded = load_result(result)
     log = recorded_actions(loaded, result)

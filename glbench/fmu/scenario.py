@@ -74,7 +74,7 @@ def task_in_season(task: TaskSpec, split: str, seed: float) -> TaskSpec:
                 "`glbench evaluate` scores an agent in the test seasons."
             )
         else:
-            msg = f"{task.id} has no split '{split}' to export.{did_you_mean(split, names)} It has {', '.join(names)}."
+            msg = f"{task.id} has no split '{split}' to export.{did_you_mean(split, names, list_few=False)} It has {', '.join(names)}."
         raise TaskError(msg)
     if split:
         return task.in_split(split)

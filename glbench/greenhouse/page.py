@@ -218,8 +218,7 @@ class Page(settings.Table):
 def read_page(file: Path) -> Page:
     """The page in a TOML file.
 
-    Raises ``TaskError`` when the file cannot be read, lacks the floor area, or has an unknown or impossible entry; with the entry, its
-    value and units.
+    Raises ``TaskError`` when it cannot be read, lacks the floor area, or has an unknown or impossible entry, with its value and units.
     """
     advice = "The page that `glbench greenhouse new` writes explains each entry."
     return settings.read_settings(Page, file, "the greenhouse page", TaskError, toml=True, advice=advice)

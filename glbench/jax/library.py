@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import tempfile
+import time
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +17,7 @@ import jax
 
 from glbench.kernel.compiled import binding
 from glbench.kernel.compiled.compiler import find_compiler, machine_digest
-from glbench.kernel.compiled.library import build_lock
+from glbench.kernel.compiled.library import build_lock, intact, keep
 from glbench.resources import cache_folder
 
 RESET, STEP = "glbench_reset", "glbench_step"  # Names under which XLA knows the calls
@@ -41,11 +42,11 @@ def library() -> ctypes.CDLL:
     Raises ``CompiledUnavailable`` when it can be neither loaded nor built: no compiler, a failing one, a cache that cannot be written.
     """
     path = _build()
-    handle = binding.open_library(str(path), "glb_door_reset", "glb_door_step", "glb_door_open", "glb_door_layout")
+    handle = binding.open_library(path, "glb_door_reset", "glb_door_step", "glb_door_open", "glb_door_layout")
     sizes = (ctypes.c_int64 * 3)()
     handle.glb_door_layout(sizes)
     if tuple(sizes) != tuple(map(ctypes.sizeof, (DoorPointers, binding.EnvironmentPointers, binding.EnvironmentCall))):
-        raise binding.of_another_version(str(path))
+        raise binding.of_another_version(path)
     handle.glb_door_open.argtypes = (ctypes.c_char_p, ctypes.c_void_p)
     handle.glb_door_open.restype = None
     jax.ffi.register_ffi_target(RESET, jax.ffi.pycapsule(handle.glb_door_reset))  # type: ignore[no-untyped-call]
@@ -53,17 +54,18 @@ def library() -> ctypes.CDLL:
     return handle
 
 
-def _build() -> Path:
+def _build() -> str:
     """The library in the cache, named by all that could change it."""
     compiler = find_compiler()
     flags = compiler.flags()
     facts = (compiler.command, compiler.version, flags, machine_digest(), version("jaxlib"), _SOURCE.read_bytes())
     folder = cache_folder() / "kernel"
-    path = folder / f"jax-{hashlib.sha256(repr(facts).encode()).hexdigest()[:20]}.so"
-    with build_lock(path.with_suffix(".lock"), "the library for JAX", _LOCK_SECONDS):
-        if not path.is_file():
-            with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=folder) as work:
+    name = f"jax-{hashlib.sha256(repr(facts).encode()).hexdigest()[:20]}"
+    with build_lock(folder / f"{name}.lock", "the library for JAX", _LOCK_SECONDS):
+        built, started = intact(folder, name), time.perf_counter()
+        if built is None:
+            with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as work:
                 target = Path(work) / "door.so"
                 compiler.compile(_SOURCE, target, (Path(jax.ffi.include_dir()),), flags)
-                target.replace(path)
-    return path
+                built = keep(target, folder, name, flags, time.perf_counter() - started)
+    return built.path

@@ -91,8 +91,7 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
     """Read the columns that ``units`` names, with their canonical unit. None of them has to be there.
 
     Stamps without an offset from UTC are of ``clock``, unless their title says UTC or UTC+1; ``lamp_power`` [W m-2] is that of 100 % in the
-    column ``lamps``. Raises ``ArchiveError`` when table or times cannot be read, a title lacks its unit, or a value is not a number; names
-    row and column.
+    column ``lamps``. Raises ``ArchiveError`` when table or times cannot be read, a title lacks its unit, or a value is not a number.
     """
     text = outside.read_text(path, ArchiveError)
     table = outside.split_table(text, str(path), ArchiveError)

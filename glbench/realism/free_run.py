@@ -80,8 +80,7 @@ def drive(indoor: Indoor, outside: Outdoors, first: dt.date) -> Drive:
     missing = np.full(steps, np.nan)
     measured = {channel: indoor.columns.get(channel, missing) for channel in CHANNELS}
     if empty := [channel for channel, values in measured.items() if channel != "co2" and np.isnan(values).all()]:
-        msg = f"{indoor.name}: no plausible reading of {' or '.join(empty)}, so nothing can be compared. Check the unit."
-        raise ArchiveError(msg)
+        refuse(f"{indoor.name}: no plausible reading of {' or '.join(empty)}, so nothing can be compared. Check the unit.", ArchiveError)
     vents = [indoor.columns.get(name, missing) for name in ("vents_lee", "vents_wind")]
     vents = [_hold(values) for values in vents if np.isfinite(values).any()] or [np.zeros(steps)]
     shares = {names.VENTS: np.mean(vents, axis=0)} | {key: _hold(indoor.columns.get(name, missing)) for key, name in _SCREENS.items()}

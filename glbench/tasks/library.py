@@ -69,8 +69,7 @@ def read_task(path: Path) -> TaskSpec:
 def published_task(task_id: str) -> TaskSpec:
     """A shipped task by its id, without weather. Only its file is compared with the lock, as by ``list_tasks``.
 
-    Raises ``UnknownNameError`` when there is no task of that id; names the nearest. Raises ``TaskError`` when the file is invalid or was
-    changed.
+    Raises ``UnknownNameError``, with the nearest ids, when there is no such task, and ``TaskError`` when its file is invalid or changed.
     """
     return _load(shipped_file(task_id), whole=False)
 

@@ -110,7 +110,7 @@ class TaskRecord:
         names = self.splits.names if self.splits is not None else ()
         if split not in names and not (split == PREVIEW and self.preview is not None):
             has = f"It has {', '.join(names)}." if names else "All its runs share their seasons."
-            refuse(f"{self.id} has no split '{split}'.{did_you_mean(split, names)} {has}", TaskError)
+            refuse(f"{self.id} has no split '{split}'.{did_you_mean(split, names, list_few=False)} {has}", TaskError)
         if sealed and split != "test":
             refuse(f"A secret salt belongs to the test; {self.id} was asked for its split '{split}'.", TaskError)
         if (split, sealed) == (self.split, self.sealed):

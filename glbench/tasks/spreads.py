@@ -2,8 +2,7 @@
 
 A parameter's draw is its nominal value times exp(log_sd factor z), z bell-shaped with mean 0 and standard deviation 1, kept between ``low``
 and ``high``; parameters of one ``draw`` share z. ``heat_elasticity`` is d ln(heat of a season) / d ln(parameter): a house whose heat, by
-these, is outside ``HEAT`` times the nominal house's is drawn again. Made by ``python -m docs.spread_measured``; docs/uncertainty.md has its
-sources.
+these, is outside ``HEAT`` times the nominal house's is drawn again. Made by ``python -m docs.spread_measured``; see docs/uncertainty.md.
 """
 
 from __future__ import annotations
@@ -68,5 +67,5 @@ def read_spread(name: str, factor: float = 1.0) -> Spread:
     rows = tuple(SpreadRow(parameter, draw, *map(float, numbers)) for of, parameter, draw, *numbers in lines if of == name)
     if not rows:
         names = dict.fromkeys(line[0] for line in lines)
-        refuse(f"There is no spread called '{name}'.{did_you_mean(name, names)} There is: {', '.join(names)}.")
+        refuse(f"There is no spread called '{name}'.{did_you_mean(name, names, list_few=False)} There is: {', '.join(names)}.")
     return Spread(name, factor, rows)

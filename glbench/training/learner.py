@@ -163,8 +163,7 @@ class Learner:
             refuse(f"'critic_sees': {error}", TrainingError, error)
         except TaskError as error:
             command = f"glbench train stable_baselines3.PPO --task {task_argument(task.id)}"
-            msg = f"{error} Or train with Stable-Baselines3, which supports it: {command}"
-            raise TrainingError(msg) from error
+            refuse(f"{error} Or train with Stable-Baselines3, which supports it: {command}", TrainingError, error)
         return cls(
             settings,
             environment,

@@ -233,8 +233,7 @@ def tune_rules(
 
     An interrupted search continues and gives the same numbers. A finished one stays unchanged unless ``settings`` asks for more runs.
     Raises ``TrainingError`` when a task is in another split than that of training, ``folder`` holds another search, or as for
-    ``reward_of``, ``TaskError`` when a task has a test alone, and ``SubmissionError`` when the page cannot be read, or the rules do not fit
-    a task.
+    ``reward_of``, ``TaskError`` when a task has a test alone, and ``SubmissionError`` when the page cannot be read or does not fit a task.
 
     ``tasks`` are tuned for in their training split where they have splits: the mean of their rewards counts. ``start`` is the file of the
     page to begin with; the reward that it names does not matter. The seed is the strategy's. ``folder`` keeps the best page, rewards so

@@ -9,6 +9,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,8 +19,9 @@ import optuna
 from optuna.storages import RDBStorage
 from optuna.trial import FrozenTrial, TrialState
 from pydantic import Field, ValidationError, model_validator
+from sqlalchemy.exc import SQLAlchemyError
 
-from glbench.errors import GlbenchError, TrainingError, did_you_mean, refuse
+from glbench.errors import GlbenchError, TrainingError, did_you_mean, last_line, refuse
 from glbench.execution import Executor, Future, InlineExecutor
 from glbench.settings import readable_errors, validated
 from glbench.tasks import get_task
@@ -193,36 +195,36 @@ def sweep(search: Search, folder: Path, *, executor: Executor | None = None, rep
     settings = base_settings(search)
     check_settings(with_choices(settings, {name: p.first for name, p in search.parameters.items()}, search.steps))
     folder.mkdir(parents=True, exist_ok=True)
-    study = open_study(search, folder)
-    _claim(study, search, settings, folder)
-    reported = {trial.number for trial in study.get_trials(deepcopy=False, states=_ENDED)}
-    task = get_task(search.task)
+    with study_errors(folder), InlineExecutor() as inline:
+        study = open_study(search, folder)
+        _claim(study, search, settings, folder)
+        reported = {trial.number for trial in study.get_trials(deepcopy=False, states=_ENDED)}
+        task = get_task(search.task)
 
-    def trials(count: int) -> Iterator[optuna.Trial]:
-        for _ in range(count):
-            if len(study.get_trials(deepcopy=False, states=_ENDED)) >= search.total:
-                return  # other commands may work on the same search
-            yield study.ask()
+        def trials(count: int) -> Iterator[optuna.Trial]:
+            for _ in range(count):
+                if len(study.get_trials(deepcopy=False, states=_ENDED)) >= search.total:
+                    return  # other commands may work on the same search
+                yield study.ask()
 
-    def submit(trial: optuna.Trial) -> Future:
-        if search.method != "grid":
-            study.sampler = _sampler(search, trial.number)
-        choices = {name: parameter.suggest(trial, name) for name, parameter in search.parameters.items()}
-        return submit_training(
-            executor or inline,
-            train,
-            task,
-            with_choices(settings, choices, search.steps),
-            _trial_folder(folder, trial),
-            seed=search.seed,
-            resume=True,
-            tensorboard=False,
-            save_seconds=float("inf"),
-            listeners=[_Pruning(trial, search.steps)],
-            waits_for_answers=search.prune,
-        )
+        def submit(trial: optuna.Trial) -> Future:
+            if search.method != "grid":
+                study.sampler = _sampler(search, trial.number)
+            choices = {name: parameter.suggest(trial, name) for name, parameter in search.parameters.items()}
+            return submit_training(
+                executor or inline,
+                train,
+                task,
+                with_choices(settings, choices, search.steps),
+                _trial_folder(folder, trial),
+                seed=search.seed,
+                resume=True,
+                tensorboard=False,
+                save_seconds=float("inf"),
+                listeners=[_Pruning(trial, search.steps)],
+                waits_for_answers=search.prune,
+            )
 
-    with InlineExecutor() as inline:
         coming = (executor or inline).map_as_completed(submit, trials(max(search.total - len(reported), 0)))
         for trial, future in coming:
             _end_trial(study, trial, future, _trial_folder(folder, trial))
@@ -231,7 +233,7 @@ def sweep(search: Search, folder: Path, *, executor: Executor | None = None, rep
                     reported.add(ended.number)
                     if report is not None:
                         report(_report_of(ended))
-    reports = [_report_of(trial) for trial in study.get_trials(states=_ENDED)]
+        reports = [_report_of(trial) for trial in study.get_trials(states=_ENDED)]
     if reports and all(trial.state == "fail" for trial in reports):
         refuse(f"All {len(reports)} trials of the search in {folder} failed, the last one so: {reports[-1].reason}", TrainingError)
     return sorted(reports, key=lambda trial: -float("inf") if trial.reward is None else trial.reward, reverse=True)
@@ -272,6 +274,19 @@ class _Pruning(Listener):
         self._trial.report(point.result.reward, point.steps)
         if point.steps < self._last_step and self._trial.should_prune():
             raise optuna.TrialPruned
+
+
+@contextmanager
+def study_errors(folder: Path) -> Iterator[None]:
+    """Raises ``TrainingError`` where the study in ``folder`` cannot be read or written: no place for it, a full disk, damage."""
+    try:
+        yield
+    except (SQLAlchemyError, optuna.exceptions.StorageInternalError) as error:
+        reason = getattr(error.__cause__ or error, "orig", None) or last_line(error)
+        way_out = (
+            "If the disk is full, free some space and run the same command again. If the file is damaged, choose a new folder with --out."
+        )
+        refuse(f"The study {folder / STUDY} cannot be read or written: {reason}. {way_out}", TrainingError, error)
 
 
 def open_study(search: Search, folder: Path) -> optuna.Study:

@@ -192,8 +192,7 @@ def fetch_knmi(
 ) -> record.WeatherRecord:
     """Weather record of a KNMI station and calendar year (UT), from the cache or from KNMI's service.
 
-    Raises ``WeatherError`` when the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year; nothing
-    is kept then.
+    Raises ``WeatherError`` when the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year.
 
     ``station`` is KNMI's number (240: Schiphol). ``name`` is that of the record, ``knmi-240-2013`` by default, ``url`` the address of the
     service, by default ``GLBENCH_KNMI_URL`` from the environment, else KNMI's own. The longest silence of the service is

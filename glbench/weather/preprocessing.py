@@ -149,8 +149,7 @@ def sky_temperature_from_infrared(infrared: FloatArray) -> FloatArray:
 def sky_temperature(record: WeatherRecord, values: Callable[[str], FloatArray], temperature: FloatArray, *, overcast: float) -> FloatArray:
     """Apparent sky temperature [degC]: measured where the record has it, else from what it has.
 
-    ``values`` gives the record's columns at the moments of the air ``temperature`` [degC]; ``overcast`` the cloud cover of a clouded sky
-    [octants].
+    ``values`` gives the record's columns at the moments of the air ``temperature`` [degC]; ``overcast`` is a clouded sky's cover [octants].
     """
     if "sky_temperature" in record.counts:
         return values("sky_temperature")

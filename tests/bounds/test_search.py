@@ -117,6 +117,10 @@ def test_what_cannot_be_planned_is_said(drawn: TaskSpec, tmp_path: Path, nominal
     PlanBook.of(nominal, SEEDS, np.zeros((48, 6)), {}).save(search.place(SEEDS))
     with pytest.raises(GlbenchError, match="are not for test/Drawn-v1: they are for test/Nominal-v1"):
         search.stored()
+    place = search.place(SEEDS)
+    place.write_bytes(place.read_bytes()[:700])
+    with pytest.raises(GlbenchError, match=r"npz is no book of plans, or a damaged one.* Remove it to plan these runs again\."):
+        search.stored()
 
 
 def test_an_agent_that_fails_is_no_start(drawn: TaskSpec, tmp_path: Path) -> None:

@@ -1489,6 +1489,24 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: (TASK.evaluation.failed_step.reward, TASK.evaluation.failed_step.epi, TASK.evaluation.failed_step.penalty),
         ),
     ],
+    "docs/energy-story.md": [
+        (
+            "Their lead over the rules is not resolved: {} EUR/m² ({} to {}).",
+            lambda: more_on_test("ppo_energy", "rule_based_energy", "SpringEnergy-v1"),
+        ),
+        (
+            "In all 30 test runs they earn {} EUR/m² ({} to {}) more than the rules.\n",
+            lambda: more_on_test("ppo_energy", "rule_based_energy", "FullSeason-v1"),
+        ),
+        (
+            "In all 30 test runs they earn {} EUR/m² ({} to {}) more than the rules, and {} ({} to {}) more",
+            lambda: tuple(
+                number
+                for rules in ("rule_based_energy", "rule_based_energy_tuned")
+                for number in more_on_test("ppo_energy", rules, "FullSeasonEnergy-v1")
+            ),
+        ),
+    ],
     "docs/study.md": [
         (
             "PPO without memory (from {} to {} EUR/m², test split)",
@@ -1530,6 +1548,27 @@ CLAIMS: dict[str, list[Claim]] = {
             "Without the hygrometer PPO earns {} less, without the pipe temperature {}, without the CO2 sensor {}, "
             "without the weekly counts of the crop {}.",
             lambda: prices_of_sensors("without_relative_humidity", "without_pipe_temperature", "without_co2", "without_registration")[::3],
+        ),
+        (
+            "by {} EUR/m² ({} to {}) in 150 days of winter, and in 300 days by {} ({} to {}) with a boiler and by {} ({} to {}) with",
+            lambda: tuple(
+                number
+                for rules, task in (
+                    ("rule_based_energy", "WinterLED-v1"),
+                    ("rule_based_energy", "FullSeason-v1"),
+                    ("rule_based_energy_tuned", "FullSeasonEnergy-v1"),
+                )
+                for number in more_on_test("ppo_energy", rules, task)
+            ),
+        ),
+        (
+            "by {} ({} to {}) in winter, by {} ({} to {}) in spring and, in the first {} runs, by {} ({} to {}) with the engine",
+            lambda: (
+                *more_on_test("mpc_energy", "ppo_energy", "WinterLED-v1"),
+                *more_on_test("mpc_energy", "ppo_energy", "SpringEnergy-v1"),
+                10,
+                *more_on_test("mpc_energy", "ppo_energy", "FullSeasonEnergy-v1"),
+            ),
         ),
         ("policies that do not see them earn {} ({} to {}) less", lambda: prices_of_sensors("without_prices", task="WinterLED-v2")),
         ("earns {} ({} to {}) less than tomato specialists", lambda: more_on_test(*OF_CROPS[::-1], "Spring-v1")),
@@ -2000,7 +2039,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/viewing.md": [
         ("24 h mean temperature", "definition: a quantity"),
-        ("takes 11 MB a controller", "measured: glbench view RESULT --save, one and two controllers"),
+        ("takes 12 to 13 MB a controller", "measured: glbench view RESULT --save, three runs of one controller"),
     ],
     "docs/observations.md": [
         ("(24 h)", "definition: an observation"),

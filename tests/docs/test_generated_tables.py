@@ -236,31 +236,51 @@ def test_the_energy_story_tells_what_the_released_results_hold() -> None:
     for of_agents in of_task.values():  # what its sentences say
         rewards = [one.mean("reward") for one in of_agents]
         assert rewards == sorted(rewards)
-    rules, control, plan = of_task["glbench/WinterLED-v1"]
+    rules, learned, control, plan = of_task["glbench/WinterLED-v1"]
+    assert max(one.mean("revenue_harvest", "revenue_growth") for one in (rules, learned, control)) < plan.mean(
+        "revenue_harvest", "revenue_growth"
+    )
+    less = rules.by_hour("electricity", 150) - learned.by_hour("electricity", 150)
+    assert less[[*range(6, 12), *range(18, 23)]].min() > less[[*range(1, 6), *range(13, 17)]].max()
+    assert learned.mean("penalty") == pytest.approx(control.mean("penalty"), rel=0.05)
+    assert all(max(rules.mean(name), control.mean(name), plan.mean(name)) < learned.mean(name) for name in ("heat", "co2_dosed"))
     assert (control.by_hour("electricity", 150) < rules.by_hour("electricity", 150)).all()
     assert 2 * (rules.mean("penalty") - control.mean("penalty")) > control.mean("reward") - rules.mean("reward")
     assert round(rules.mean("hours_relative_humidity_high") / control.mean("hours_relative_humidity_high")) == 3
     assert plan.ratio("cost_electricity", "electricity") == pytest.approx(control.ratio("cost_electricity", "electricity"), abs=0.002)
-    rules, control, plan = of_task["glbench/SpringEnergy-v1"]
+    rules, learned, control, plan = of_task["glbench/SpringEnergy-v1"]
+    assert learned.mean("fruit_gained") == pytest.approx(control.mean("fruit_gained"), rel=0.02)
+    assert all(max(rules.mean(name), control.mean(name), plan.mean(name)) < learned.mean(name) for name in ("electricity_bought", "gas"))
+    assert (learned.by_hour("engine_hours", 60)[[*range(19, 24), *range(8)]] > 0.97).all()
     assert max(one.mean("co2_bought") for one in (control, plan)) < 0.5 * rules.mean("co2_bought")
     assert 3 * control.ratio("cost_power", "electricity_bought") < control.ratio("revenue_power", "electricity_sold")
     fruit, sales = ([one.mean(name) for one in (rules, control)] for name in ("revenue_growth", "revenue_power"))
     assert fruit[1] - fruit[0] > 5 * (sales[0] - sales[1])
     bought, engine, stored = (
-        [one.by_hour(name, 60) for one in (rules, control, plan)] for name in ("electricity_bought", "engine_hours", "buffer_gained")
+        [one.by_hour(name, 60) for one in (rules, control, plan, learned)]
+        for name in ("electricity_bought", "engine_hours", "buffer_gained")
     )
     assert 12 <= bought[1].argmax() < 16
     assert 1.75 < bought[1][13:16].sum() / bought[0][13:16].sum() < 2.0
     assert all(12 <= hours.argmin() < 18 for hours in engine)
     emptied = [next(hour for hour in range(16, 24) if hours[hour] < 0) for hours in stored]
     assert emptied[1] - emptied[0] == emptied[2] - emptied[0] == 2
-    rules, control, _ = of_task["glbench/FullSeason-v1"]
+    assert emptied[3] == emptied[0]
+    rules, learned, control, _ = of_task["glbench/FullSeason-v1"]
+    assert learned.mean("electricity") == pytest.approx(control.mean("electricity"), rel=0.03)
+    assert learned.ratio("cost_electricity", "electricity") < 0.95 * control.ratio("cost_electricity", "electricity")
+    assert all(control.mean(name) < learned.mean(name) for name in ("heat", "co2_dosed"))
     fruit, power = (
         [one.mean(*names) for one in (rules, control)] for names in (("revenue_harvest", "revenue_growth"), ("cost_electricity",))
     )
     assert fruit[1] - fruit[0] > 2 * (power[1] - power[0])
     assert control.mean("heat") == pytest.approx(0.8 * rules.mean("heat"), rel=0.05)
-    rules, control, *_ = of_task["glbench/FullSeasonEnergy-v1"]
+    rules, learned, control, plan = of_task["glbench/FullSeasonEnergy-v1"]
+    assert 2.0 < learned.mean("electricity_sold") / rules.mean("electricity_sold") < 2.25
+    assert learned.mean("electricity_bought") < rules.mean("electricity_bought")
+    assert max(rules.mean("gas"), control.mean("gas"), plan.mean("gas")) < learned.mean("gas")
+    assert all(rules.mean(name) < learned.mean(name) for name in ("hours_relative_humidity_high", "hours_air_temperature_low"))
+    assert learned.mean("penalty") < rules.mean("penalty")
     assert control.mean("gas") < rules.mean("gas")
     assert round(control.mean("electricity_sold") / rules.mean("electricity_sold")) == 3
     assert control.mean("electricity_bought") < rules.mean("electricity_bought")

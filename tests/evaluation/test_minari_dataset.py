@@ -170,6 +170,9 @@ def test_seeds_that_score_are_refused(day: TaskSpec) -> None:
         check_learnable(day, 666, 3)
     with pytest.raises(GlbenchError, match="not for learning"):
         check_learnable(day, FIRST_TRAINING_SEED - 1, 1)
+    check_learnable(day, 2**53, 1)
+    with pytest.raises(GlbenchError, match=r"are too large\. Use seeds from 10,000,000,000 to 9,007,199,254,740,992"):
+        check_learnable(day, 2**53, 2)
 
 
 def test_a_task_with_a_test_alone_is_refused() -> None:
@@ -216,7 +219,14 @@ def test_a_dataset_that_exists_stays(day: TaskSpec, tmp_path: Path) -> None:
     assert json.loads((before.folder / "data" / "metadata.json").read_text(encoding="utf-8")) == content
 
 
-@pytest.mark.parametrize("name", ["no-version", "-", "a b-v0", "../../out-v0"])
+@pytest.mark.parametrize("name", ["no-version", "-", "a b-v0", "../../out-v0", "x/abc-v0"])
 def test_a_name_that_minari_does_not_know_is_refused(day: TaskSpec, tmp_path: Path, name: str) -> None:
-    with pytest.raises(EpisodeError, match="not a valid name for a Minari dataset"):
+    with pytest.raises(EpisodeError, match=r"not a valid name for a Minari dataset: it is made of letters, .*namespaces of two"):
         written(day, tmp_path, name=name)
+
+
+def test_a_place_of_all_datasets_that_cannot_be_made_is_named(day: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "taken").touch()
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "taken"))
+    with pytest.raises(EpisodeError, match=r"Cannot make .*taken: .*Set MINARI_DATASETS_PATH to a folder that you can write to"):
+        written(day, tmp_path)

@@ -91,6 +91,24 @@ def test_leftovers_of_killed_processes_are_removed(day_task: TaskSpec, write_age
     assert [path.name for path in place.glob("*.partial")] == [".other.json.x.partial"], "that of another agent stays"
 
 
+@pytest.mark.parametrize("why", ["never written", "of an earlier result"])
+def test_a_profile_that_a_kill_kept_from_being_written_is_made_by_the_same_command(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, why: str
+) -> None:
+    agent, place = write_agent(OTHER), tmp_path / PLACE / "agent_under_test.profile.json.gz"
+    evaluate(day_task, agent, out=tmp_path)
+    earlier = place.read_bytes()
+    agent = write_agent()
+    evaluate(day_task, agent, out=tmp_path)
+    whole = place.read_bytes()
+    if why == "never written":
+        place.unlink()
+    else:
+        place.write_bytes(earlier)
+    evaluate(day_task, agent, out=tmp_path, episodes="none")
+    assert place.read_bytes() == whole
+
+
 rename = Path.replace
 
 

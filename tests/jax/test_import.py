@@ -47,3 +47,17 @@ def test_another_process_finds_the_programs_that_jax_stored(tmp_path: Path) -> N
         runs.append((done.stdout, [name for name in stored if "step" in name], stored))
     assert len(runs[0][1]) == 1
     assert runs[0] == runs[1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
+def test_half_a_library_is_built_again_instead_of_crashing_the_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
+    library = importlib.import_module("glbench.jax.library")
+    monkeypatch.setattr(library, "cache_folder", lambda: tmp_path)
+    built = Path(library._build())
+    whole, made = built.read_bytes(), built.stat().st_mtime_ns
+    assert Path(library._build()) == built
+    assert built.stat().st_mtime_ns == made, "it is built once"
+    built.write_bytes(whole[: len(whole) // 2])
+    assert Path(library._build()).read_bytes() == whole

@@ -112,6 +112,8 @@ def test_a_port_in_use_and_a_host_of_others_are_refused_in_words() -> None:
         (("--allow-origin", "*"), "--allow-origin * is not the origin of a web page"),
         (("--allow-origin", "http://a.example/page"), "Give scheme, host and port"),
         (("--seed", "10000"), "--seed 10,000 is not for trying agents"),
+        (("--seed", "9007199254740991"), "--seed 9,007,199,254,740,991 is too large"),
+        (("--episodes", __file__), "Choose a folder that you can write to"),
         (("Sprung-v1",), "Spring-v1"),
     ],
 )

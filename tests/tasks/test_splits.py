@@ -44,6 +44,8 @@ def test_a_task_stands_in_its_training_split_and_counts_in_its_test(task: TaskSp
 def test_the_published_tasks_have_none() -> None:
     task = get_task("Schiphol2010-Delta10-v1")
     assert (task.split, task.splits, task.scored, task.chosen_on) == (None, None, task, task)
+    with pytest.raises(TaskError, match=r"has no split 'foo'\. It has training, validation, test\.$"):
+        get_task("Spring-v1").in_split("foo")
     with pytest.raises(TaskError, match=r"has no split 'test'\. All its runs share their seasons"):
         task.in_split("test")
     with pytest.raises(TaskError, match="no split"):

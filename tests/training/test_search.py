@@ -292,3 +292,17 @@ def test_a_grid_tries_every_combination_once_with_two_workers(day_file: Path, tm
     rewards = [trial.reward for trial in trials]
     assert None not in rewards
     assert rewards == sorted(rewards, key=lambda reward: reward or 0.0, reverse=True)
+
+
+@pytest.mark.parametrize("damage", ["no database", "cut", "a folder"])
+def test_a_study_that_cannot_be_read_is_told_with_a_way_out(day_file: Path, tmp_path: Path, base: Path, damage: str) -> None:
+    search = Search(algorithm="ppo", task=str(day_file), config=base, trials=1, steps=8, parameters={"gamma": {"values": [0.9, 0.99]}})
+    out = tmp_path / "out"
+    if damage == "a folder":
+        (out / "study.db").mkdir(parents=True)
+    else:
+        sweep(search, out)
+        whole = (out / "study.db").read_bytes()
+        (out / "study.db").write_bytes(b"no database" if damage == "no database" else whole[: len(whole) // 3])
+    with pytest.raises(TrainingError, match=r"study\.db cannot be read or written: .*choose a new folder with --out"):
+        sweep(search, out)

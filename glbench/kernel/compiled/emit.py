@@ -285,15 +285,8 @@ class Emitter:
         return f"({self.value(node.args[0])} {sign} {self.value(node.args[1])})"
 
 
-def function_text(head: str, emitter: Emitter, stores: Mapping[str, int]) -> str:
-    """A whole C++ function template: computes and stores ``stores`` (C++ left-hand side -> node)."""
-    body = [f"{target} = {emitter.value(number)};" for target, number in stores.items()]
-    inner = "\n    ".join(emitter.lines + body)
-    return f"template <class V> {head} {{\n    {inner}\n}}\n"
-
-
 def function_in_two_orders(head: str, graph: Graph, stores: Mapping[str, int], name_of_input: Callable[[int], str | None]) -> str:
-    """The same as ``function_text`` with two bodies of the same statements.
+    """A C++ function template that computes and stores ``stores`` (left-hand side: node), with two bodies of the same statements.
 
     One lane packs slow operations; many lanes need an order in which few values are alive at a time, see ``order``.
     """

@@ -149,13 +149,13 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
             path, facts_of = carried
             return Build(str(path), facts_of.digest, facts_of.compiler, facts_of.flags, 0.0)
     folder, name, flags = _place(model, traits, width, sensitivities=sensitivities)
-    intact = _intact(folder, name)
-    if intact is not None:
-        return intact
+    whole = intact(folder, name)
+    if whole is not None:
+        return whole
     try:
         with build_lock(folder / f"{name}.lock", "the kernel", _LOCK_SECONDS):
-            intact = _intact(folder, name)  # another process may have built it meanwhile
-            return intact or _build(folder, name, model, traits, flags, sensitivities=sensitivities)
+            whole = intact(folder, name)  # another process may have built it meanwhile
+            return whole or _build(folder, name, model, traits, flags, sensitivities=sensitivities)
     except CompiledUnavailable:
         raise
     except (GlbenchError, ValueError) as error:
@@ -183,7 +183,7 @@ def library_is_built(model: Model, traits: Traits, width: int | None = None) -> 
     if width is None and find_prebuilt(prebuilt_key(model, traits)) is not None:
         return True
     folder, name, _ = _place(model, traits, width)
-    return _intact(folder, name) is not None
+    return intact(folder, name) is not None
 
 
 def built_files(model: Model, traits: Traits) -> dict[str, Path]:
@@ -194,9 +194,9 @@ def built_files(model: Model, traits: Traits) -> dict[str, Path]:
     files: dict[str, Path] = {}
     for sensitivities in (False, True):
         folder, name, _ = _place(model, traits, None, sensitivities=sensitivities)
-        intact = _intact(folder, name)
-        if intact is not None:
-            path = Path(intact.path)
+        whole = intact(folder, name)
+        if whole is not None:
+            path = Path(whole.path)
             files |= {path.name: path, f"{_lent_name(model, traits, sensitivities=sensitivities)}.json": folder / f"{name}.json"}
     return files
 
@@ -206,7 +206,7 @@ def _lent(model: Model, traits: Traits, width: int | None, *, sensitivities: boo
     folder = os.environ.get(LENT)
     if not folder or width is not None:
         return None
-    return _intact(Path(folder), _lent_name(model, traits, sensitivities=sensitivities))
+    return intact(Path(folder), _lent_name(model, traits, sensitivities=sensitivities))
 
 
 def _lent_name(model: Model, traits: Traits, *, sensitivities: bool) -> str:
@@ -251,12 +251,16 @@ def _build(folder: Path, name: str, model: Model, traits: Traits, flags: tuple[s
         source, include = write_source(work, model, traits, sensitivities=sensitivities)
         library = work / "kernel.so"
         compiler.compile(source, library, include, flags)
-        digest = hashlib.sha256(library.read_bytes()).hexdigest()
-        final = folder / f"{name}-{digest[:12]}.so"
-        library.replace(final)
         (work / "model.hpp").replace(folder / f"{name}.hpp")
-    seconds = round(time.perf_counter() - started, 2)
-    built = Build(str(final), digest, f"{' '.join(compiler.command)}: {compiler.version}", " ".join(flags), seconds)
+        return keep(library, folder, name, flags, time.perf_counter() - started)
+
+
+def keep(library: Path, folder: Path, name: str, flags: tuple[str, ...], seconds: float) -> Build:
+    """Move a library that took ``seconds`` to build into the cache, with a record by which ``intact`` knows it and its bytes again."""
+    compiler, digest = find_compiler(), hashlib.sha256(library.read_bytes()).hexdigest()
+    final = folder / f"{name}-{digest[:12]}.so"
+    library.replace(final)
+    built = Build(str(final), digest, f"{' '.join(compiler.command)}: {compiler.version}", " ".join(flags), round(seconds, 2))
     write_atomically(folder / f"{name}.json", json.dumps(asdict(built), indent=1) + "\n")
     return built
 
@@ -309,8 +313,8 @@ def _file_name(model: Model) -> str:
     return re.sub(r"[^A-Za-z0-9._-]", "_", f"{model.id}-{model.variant}")
 
 
-def _intact(folder: Path, name: str) -> Build | None:
-    """The finished build of that name, unless it is missing or damaged."""
+def intact(folder: Path, name: str) -> Build | None:
+    """The finished build of that name, unless it is missing or damaged: to load half a library would crash the process."""
     try:
         record = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         built = Build(**record)
