@@ -48,6 +48,7 @@ SETTINGS = {
     "ppo_greenhouse": "ppo/fast.yml",
     "ppo_memory_greenhouse": "ppo/memory.yml",
     "ppo_energy": "ppo/memory.yml",
+    "ppo_energy_tuned": "ppo_energy_tuned/ppo.yml",
     "ppo_harvest": "ppo_harvest/climate.yml",
     "imitation_lettuce": "imitation_lettuce/imitation.yml",
     "ppo_lettuce": "ppo_lettuce/ppo.yml",
@@ -59,7 +60,7 @@ SEARCHES = {"ppo_harvest": ("ppo_harvest/day.yml", "ppo_harvest/all.yml")}
 """Searches over whole seasons that follow the trainings of a recipe."""
 VIEWS = {"outdoor": ("blind",), "ppo_greenhouse": ("sensors",), "ppo_memory_greenhouse": ("memory",), "ppo_harvest": ("memory",)}
 """What the agents of a recipe look at (docs/ladder.md), where it is not all that a task shows."""
-COMPILED = ("ppo_fast", "ppo_memory", "ppo_long", "ppo_energy", *VIEWS)
+COMPILED = ("ppo_fast", "ppo_memory", "ppo_long", "ppo_energy", "ppo_energy_tuned", *VIEWS)
 ALGORITHMS = {
     "ppo": "ppo",
     "sac": "sac",
@@ -133,6 +134,7 @@ def plan() -> list[Job]:
         Job(recipe, task, seed) for task in GREENHOUSE_TASKS for recipe, trainings in OF_GREENHOUSE.items() for seed in range(trainings)
     ]
     energy = [Job("ppo_energy", task, seed) for task in OF_ENERGY for seed in range(3)]
+    energy += [Job("ppo_energy_tuned", "SpringEnergy-v1", seed) for seed in range(3)]
     harvest = [Job("ppo_harvest", "LettuceHarvest-v1", seed) for seed in range(3)]
     classic = [
         Job(recipe, "LettuceClassic-Delta05-v1", seed) for recipe in (*IMITATIONS, "ppo_lettuce", "sac_lettuce") for seed in range(3)

@@ -152,6 +152,7 @@ def picture(of_task: dict[str, list[Outcome]]) -> None:
                 profile = one.by_hour(column, days)
                 axis.stairs(profile, np.arange(25), color=COLOURS[one.agent], label=AGENTS[one.agent], baseline=None, linewidth=1.6)
             axis.set(title=title, xlabel="hour of the day", ylabel=unit, xlim=(0, 24), xticks=range(0, 25, 6))
+        axes[0, 0].set_ylim(bottom=0.03)
         axes[0, 0].legend(loc="lower left")
         figure.savefig(PICTURE, dpi=120, metadata={"Software": None})
         plt.close(figure)

@@ -88,7 +88,7 @@ def real_path(path: Path) -> Path:
 def opened_archive(file: Path) -> Iterator[ZipFile]:
     """The archive in ``file``.
 
-    Raises ``ValueError`` when its contents are too many, and ``OSError``, ``zipfile.BadZipFile``, ``NotImplementedError`` as ``ZipFile``.
+    Raises ``ValueError`` when its contents are too many, and what ``ZipFile`` does: ``OSError``, ``BadZipFile``, ``NotImplementedError``.
     """
     with _InPieces(file) as stream, ZipFile(stream) as archive:
         yield archive

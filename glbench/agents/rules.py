@@ -274,7 +274,7 @@ class RuleBasedController:
         """Controls (n, controls of the model) for the step that begins now, fractions of capacity.
 
         ``x`` is the state at the start of the step (n, states), ``d`` the disturbance acting in it, (n, disturbances) or (disturbances,),
-        and ``hour_of_day`` [h] and ``day_of_year`` [day] the clock at its start, one number or (n,). Raises ``ShapeError`` for others.
+        and ``hour_of_day`` [h] and ``day_of_year`` [day] the clock at its start, one number or (n,). Other shapes raise ``ShapeError``.
         """
         controls = self._rules.controls(privileged_inputs(x, d, hour_of_day, day_of_year))
         return np.pad(controls, ((0, 0), (0, self._others))) if self._others else controls

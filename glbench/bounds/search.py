@@ -139,7 +139,8 @@ class Search:
                 try:
                     book = read_book(file)
                 except SubmissionError as error:
-                    refuse(f"{error} Remove it to plan these runs again.", GlbenchError, error)
+                    way_out = "" if isinstance(error.__cause__, OSError) else " Remove the file to plan these runs again."
+                    refuse(f"{error}{way_out}", GlbenchError, error)
                 reason = book.why_not(self.task)
                 if reason is not None:
                     refuse(f"The plans in {file} are not for {self.task.id}: {reason}. Choose another folder with --out.", GlbenchError)

@@ -160,7 +160,7 @@ def _all_failed(result: Result) -> str:
 def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, split: str = "test") -> list[TaskSpec]:
     """The tasks of these names, each once, with the draws of a ``sealed`` round if there is one; the default task when none is named.
 
-    Raises ``TaskError`` when a task has no such split, or two differ only in their namespace, so their results would have one place.
+    Raises ``TaskError`` when a task has no such split, or two differ only in their namespace: their results would share one file.
     """
     from glbench.tasks import DEFAULT_TASK, get_suite, get_task
 

@@ -325,7 +325,7 @@ class StateEstimator:
 class _UncertainParameters:
     """Parameters that a task draws, by deviations with a spread: one for every parameter, or for every number that a ``Spread`` draws.
 
-    A parameter is its nominal value times 1 + its deviation; those of a ``Spread`` are theirs times exp(size deviation), of sd 1.
+    A parameter is its nominal value times 1 + its deviation; of a ``Spread``, its own times exp(size deviation), with standard deviation 1.
 
     ``names`` are the parameters that change with them, derived ones among them; ``chain`` is how, where all deviations are 0: derivatives
     of the parameters by the deviations ``(names, deviations)``. ``spread``, ``low``, ``high`` and ``hours`` are the standard deviation of

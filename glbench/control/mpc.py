@@ -53,14 +53,13 @@ class PredictiveController:
     other, and each has the bits that it has alone. A new one is ready for one run, as after ``reset(1)``.
 
     Raises ``TaskError`` when the reward has no derivatives, the limits leave no room for the margin, or the end value is none, or for
-    another model. Raises ``UnknownNameError`` when a margin is for a quantity that has no limits. Raises ``ShapeError`` when a number is
-    none, or too small.
+    another model, ``UnknownNameError`` when a margin is for a quantity without limits, and ``ShapeError`` when a number is too small.
 
     ``task`` has the model, the reward, which needs derivatives (``StageReward``), and the limits. ``horizon`` steps are planned ahead; at
     the end of a season it ends with it. ``iterations`` are those of each plan, ``first_iterations`` of the first one, which has no plan
     before it, each with ``ascent_steps`` gradient steps. ``end_value`` is what the state at the end of a horizon is worth. Without one only
     the horizon counts: fruit is not yet ripe, the soil cools, and carbohydrate in store is wasted. ``margin`` is how far the limits are
-    moved inwards, by quantity, in its unit, for what is known roughly: ``{"relative_humidity": 1.0}`` plans for 84 % where the limit is 85.
+    moved inwards, by quantity, in its unit, for what is known roughly: ``{"relative_humidity": 1.0}`` plans for 84 % if the limit is 85 %.
 
     The derivatives of a step ahead are recomputed once in ``renew_every`` decisions, those of the coming steps in every decision. 1
     recomputes all of them in every decision; more is faster. No plan gets worse, because every candidate is simulated. ``preset`` is that
@@ -165,8 +164,7 @@ class PredictiveController:
         an end value needs. ``delivery`` is what actuators are expected to deliver of the plan, whose controls are commands then
         (``StateEstimator.delivery``); all of it by default.
 
-        Returns fractions ``(runs, c)``. They change by at most ``max_change``, unless a machine switches; scheduled ones are as the
-        calendar has them.
+        Returns fractions ``(runs, c)``. They change by at most ``max_change``, unless machines switch; scheduled ones follow the calendar.
         """
         if self._end_value is not None and (days_left is None or np.isnan(days_left)):
             msg = (

@@ -5,7 +5,7 @@ The reading of a quantity q in step k of a run of N steps is
     r(k) = q(k) + s w(k) + b + d k / N
 
 with noise s w(k), w approximately normal and new in every step; a bias b of the run, approximately normal with the stated standard
-deviation; and a drift that reaches d at the end, drawn evenly up to plus or minus the stated value. Readings stay within their bounds.
+deviation; and a drift that reaches d at the end, drawn evenly between minus and plus the stated value. Readings stay within their bounds.
 
 A sensor that drops out shows its last reading until it is back. It does so with the chance 1 / (mean steps between) in each step but the
 first of a run, and comes back with the chance 1 / (mean steps of a drop-out). docs/uncertainty.md has pictures.

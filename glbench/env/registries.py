@@ -14,7 +14,7 @@ Make = TypeVar("Make")
 class PartRegistry(Generic[Make]):
     """Makers of parts by name.
 
-    The tasks' vocabulary knows which words a task file may use and their meaning; this knows what they do. A part's name goes into both.
+    The tasks' vocabulary knows which words a task file may use and their meaning; this knows what they do. Registering a part fills both.
     """
 
     def __init__(self, kind: str, vocabulary: Registry[Any]) -> None:

@@ -284,7 +284,7 @@ class Signals:
     def groups(self, agent_columns: Iterable[str], *, controls: bool) -> tuple[Group, ...]:
         """All groups, in the order of the record: what acts during a step, then its result.
 
-        ``agent_columns`` are the controls that the agent drives, or its set points; ``controls``: it is privileged and sets them.
+        ``agent_columns`` are the controls that the agent drives, or its set points; ``controls``: a privileged agent sets controls itself.
         """
         what = "control asked for" if controls else "action"
         words = {signal.name: ("-", f"{what}: {signal.meaning}") for signal in self.vector("control")}

@@ -346,7 +346,7 @@ class Evaluation:
     def complete(self, result: records.Result) -> None:
         """Make the profile and the wanted full episodes where they are not there, by replaying the recorded actions of ``result``.
 
-        Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result, ``ResultError`` for a damaged profile.
+        Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result, ``ResultError`` for another profile.
         """
         if self.path is None:
             return

@@ -252,7 +252,7 @@ class Outcome:
 
     @classmethod
     def of_stored(cls, job: Job, evaluation: Evaluation, start: float) -> Outcome | None:
-        """The outcome of a job whose result is stored; ``None`` when it is not. Missing episodes are made."""
+        """The outcome of a job whose result is stored; ``None`` when it is not. A missing profile and missing episodes are made."""
         if evaluation.stored is None:
             return None
         evaluation.complete(evaluation.stored)

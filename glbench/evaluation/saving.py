@@ -226,10 +226,16 @@ def in_its_split(task: TaskSpec, result: Result, path: Path) -> TaskSpec:
 
 
 def complete_profile(result: Result, path: Path, task: TaskSpec) -> None:
-    """Make the profile that a result names and a kill or a full disk kept from being written; errors as of ``Evaluation.complete``."""
-    if result.profile is not None and episodes.actions_path(path).exists() and load_profile(result, path) is None:
-        profile = make_profile(task, result, recorded_actions(result, path), None)
-        write_atomically(profile_path(path), profile.to_bytes())
+    """Make the profile that a result names and that is missing or damaged; errors as of ``Evaluation.complete``."""
+    if result.profile is None or not episodes.actions_path(path).exists():
+        return
+    with contextlib.suppress(ResultError):
+        if load_profile(result, path) is not None:
+            return
+    profile = make_profile(task, result, recorded_actions(result, path), None)
+    if profile.digest != result.profile.digest:
+        refuse(f"The profile that {path} names cannot be made again here: evaluate again with --fresh.", ResultError)
+    write_atomically(profile_path(path), profile.to_bytes())
 
 
 def recorded_actions(result: Result, path: Path) -> episodes.ActionLog:
@@ -257,7 +263,7 @@ ACTIONS_FILE = "actions.npz"
 def write_recording(result: Path, seed: int, folder: Path) -> Recording:
     """Write the actions of the run with ``seed`` of the stored ``result`` as an agent into the new folder ``folder``.
 
-    Raises ``EpisodeError`` when there is no such run, it failed, its record is damaged or missing, it sets controls, or ``folder`` exists.
+    Raises ``EpisodeError`` when the run is missing or failed, its record is damaged or missing, it sets controls, or ``folder`` has files.
     """
     loaded = load_result(result)
     log = recorded_actions(loaded, result)

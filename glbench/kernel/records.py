@@ -39,7 +39,7 @@ class StepFailure:
 class Rows(NamedTuple):
     """Inputs of one control step for ``n`` greenhouses: finite, C-contiguous float64, controls within 0..1.
 
-    ``x`` (n, states), ``u`` (n, controls) [fraction of capacity], ``d`` (n, disturbances), and ``p`` (n, parameters), or (1, parameters).
+    ``x`` (n, states), ``u`` (n, controls) [fraction of capacity], ``d`` (n, disturbances), ``p`` (n, parameters) or shared (1, parameters).
     """
 
     x: FloatArray

@@ -139,8 +139,7 @@ class Differentiable(ABC):
 
         ``inputs`` are which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; the fewer, the cheaper. ``parameters`` are
         names of parameters to differentiate with respect to, see ``Model.parameter_names``. Raises ``ShapeError``, ``ActionError`` or
-        ``StepError`` as for ``step``; StepError also when a derivative is not finite. Raises ``UnknownNameError`` when there is no such
-        input or parameter.
+        ``StepError`` as for ``step``, StepError also when a derivative is not finite, and ``UnknownNameError`` for an unknown name.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         names = self.model.parameter_names

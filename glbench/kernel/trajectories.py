@@ -365,8 +365,7 @@ class Trajectories(Differentiable):
 
         The inputs are as for ``rollout``. ``cotangents`` are the weight of each state (T + 1, states); for a batch, one table for all or
         (n, T + 1, states). Returns the states, as from ``rollout``, and the gradients with respect to x0, u, d and, with ``parameters``, p,
-        and the costates. Raises ``ShapeError``, ``ActionError`` or ``RolloutError`` as for ``rollout``, and ``StepError`` when a derivative
-        is not finite.
+        and the costates. Raises errors as ``rollout``, and ``StepError`` for a derivative that is not finite.
         """
         one = np.ndim(x0) == 1
         horizons = as_horizons(self.model.names, x0, u, d, p)

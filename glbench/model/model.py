@@ -69,7 +69,7 @@ class Flow:
     ``label`` is the heading in tables and plots. ``amount`` is that of a step, of numbers, arrays or CasADi's symbols: it is recorded for
     the kernel. It may use arithmetic, powers, comparisons, ``np.minimum``, ``np.maximum``, ``np.sign``, and ``exp``, ``sqrt`` and
     ``if_else`` of ``glbench.model.expressions``. ``potential`` is the amount at the rate that the parameters allow at best, where there is
-    one: what a profit can be scaled by. ``total`` is the amount since the start by a meter among the states: a price can depend on it.
+    one: what a profit can be scaled by. ``total`` is the amount since the start, where a state meters it: a price can depend on it.
     """
 
     name: str

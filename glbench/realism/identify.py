@@ -344,7 +344,7 @@ def page_text(problem: Problem, fit: Fit, source: str, name: str) -> str:
     """The parameter set of a fit in TOML: ``[model]`` as in a task file, and how it was made. ``read_house`` reads it."""
     greenhouse, quote, name = problem.greenhouse, partial(json.dumps, ensure_ascii=False), re.sub(r"\W+", "_", name)
     days = f"{problem.season.date[0]} to {problem.season.date[-1]}"
-    words = f"{problem.house.name} fitted to {source}, {days}, {fit.split.fitted}, by {', '.join(problem.names)}"
+    words = f"{problem.house.name} fitted to {source}, {days}, {fit.split.fitted}; numbers fitted: {', '.join(problem.names)}"
     origin = {"start": problem.house.name, "split": fit.split.name, "settled": fit.settled, "version": __version__}
     origin |= {"data": f"sha256:{problem.data_digest}", "model": f"sha256:{greenhouse.digest}"}
     lines = ["# Written by `glbench identify`. [model] can be copied into a task file.", f"name = {quote(name)}"]

@@ -2,7 +2,7 @@
 
 ``read_indoor`` reads ``GreenhouseClimate.csv`` or ``.parquet`` of the published archive, or ``indoor.csv`` of a greenhouse's own export.
 Readings that cannot be true are taken out and noted, never used: those outside what a sensor or an actuator can say (an error code such as
--499), those far from all others of the hours around them, both sides of a jump that nothing explains, and values that stay for hours.
+-499), those far from all others of the hours around them, both sides of a jump that nothing explains, and values stuck for hours.
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ class Guard:
             # An IP address is what no stranger's name server can redirect.
             own = name in self._hosts or bool(ipaddress.ip_address(name.partition("%")[0]))
         if not own:
-            advice = "Call it by the address that it printed when it started, or start it with --host NAME."
+            advice = "Use the address that the server printed at the start, or start it with --host NAME."
             raise RequestError(403, "The server does not answer to this name.", advice, "Host", host)
         origin = headers.get("origin")
         if origin is not None and origin not in self._origins and origin not in (f"http://{host}", f"https://{host}"):

@@ -282,10 +282,8 @@ def study_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except (SQLAlchemyError, optuna.exceptions.StorageInternalError) as error:
-        reason = getattr(error.__cause__ or error, "orig", None) or last_line(error)
-        way_out = (
-            "If the disk is full, free some space and run the same command again. If the file is damaged, choose a new folder with --out."
-        )
+        reason = getattr(error, "orig", None) or getattr(error.__cause__, "orig", None) or last_line(error)
+        way_out = "If the disk is full or another command uses it, try again later; if it is damaged, choose a new folder with --out."
         refuse(f"The study {folder / STUDY} cannot be read or written: {reason}. {way_out}", TrainingError, error)
 
 

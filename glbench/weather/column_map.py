@@ -106,7 +106,7 @@ class ColumnMap(Table):
     ``time`` is the column of stamps, or those of dates and of times of day; ``stamps`` says whether a stamp is the start, the middle or the
     end of the interval that its row covers. ``clock`` is the IANA zone of the stamps, where they carry no offset from UTC. ``dates``,
     whether day or month comes first, and ``decimal``, the decimal sign, are recognised by default. ``columns`` has the column of each
-    quantity, by the quantity's name. ``timezone`` is the IANA zone of the greenhouse's clock, by default the stamps', ``place`` its place.
+    quantity, by the quantity's name. ``timezone`` is the IANA zone of the greenhouse, by default the stamps'; ``place`` is the station's.
     """
 
     time: tuple[str, ...] = Field(min_length=1, max_length=2)

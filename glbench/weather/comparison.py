@@ -110,7 +110,7 @@ def resemblance(
     """Figures of ``seasons`` generated seasons, at least 20, against the real years of ``generator``.
 
     ``start`` is the first possible first day (of any year), ``within_days`` how many later days are possible, ``days`` the length of a
-    season, and ``seed`` that of their random numbers. Raises ``WeatherError`` when seasons are too few, or no real one is whole.
+    season, and ``seed`` that of their random numbers. Raises ``WeatherError`` when seasons are too few, or the years hold no whole one.
     """
     if seasons < 20 or within_days < 0:
         msg = f"Statistics need at least 20 seasons and no negative spread of first days; got {seasons} seasons, {within_days} days."

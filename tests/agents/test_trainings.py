@@ -104,7 +104,8 @@ def test_shipped_trainings_name_their_recipe_and_seed() -> None:
     found = {name: (one.recipe, one.seed) for name, one in stated.items() if one is not None}
     assert {name for name in found if name.rpartition("_")[0] != found[name][0]} == {
         "ppo", "sac", "ppo_tuned", "ppo_fast", "ppo_memory", "ppo_long", "sac_fast", "outdoor", "ppo_greenhouse", "ppo_memory_greenhouse",
-        "ppo_energy", "ppo_harvest", "imitation_lettuce", "ppo_lettuce", "sac_lettuce", "td3_lettuce", "ppo_two_crops", "ppo_one_crop",
+        "ppo_energy", "ppo_energy_tuned", "ppo_harvest", "imitation_lettuce", "ppo_lettuce", "sac_lettuce", "td3_lettuce",
+        "ppo_two_crops", "ppo_one_crop",
     }  # fmt: skip
     assert all(name == (f"{recipe}_seed{seed}" if seed or name != recipe else recipe) for name, (recipe, seed) in found.items())
     assert {name for name in baseline_names() if (data_folder("baselines") / name / "weights").is_dir()} == set(found)

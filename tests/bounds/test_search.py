@@ -119,7 +119,7 @@ def test_what_cannot_be_planned_is_said(drawn: TaskSpec, tmp_path: Path, nominal
         search.stored()
     place = search.place(SEEDS)
     place.write_bytes(place.read_bytes()[:700])
-    with pytest.raises(GlbenchError, match=r"npz is no book of plans, or a damaged one.* Remove it to plan these runs again\."):
+    with pytest.raises(GlbenchError, match=r"npz is no book of plans, or a damaged one.* Remove the file to plan these runs again\."):
         search.stored()
 
 

@@ -1495,11 +1495,11 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: more_on_test("ppo_energy", "rule_based_energy", "SpringEnergy-v1"),
         ),
         (
-            "In all 30 test runs they earn {} EUR/m² ({} to {}) more than the rules.\n",
+            "Over all 30 test runs they earn on average {} EUR/m² ({} to {}) more than the rules.\n",
             lambda: more_on_test("ppo_energy", "rule_based_energy", "FullSeason-v1"),
         ),
         (
-            "In all 30 test runs they earn {} EUR/m² ({} to {}) more than the rules, and {} ({} to {}) more",
+            "Over all 30 test runs they earn on average {} EUR/m² ({} to {}) more than the rules, and {} ({} to {}) more",
             lambda: tuple(
                 number
                 for rules in ("rule_based_energy", "rule_based_energy_tuned")
@@ -1562,7 +1562,7 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         (
-            "by {} ({} to {}) in winter, by {} ({} to {}) in spring and, in the first {} runs, by {} ({} to {}) with the engine",
+            "by {} ({} to {}) in winter, by {} ({} to {}) in spring and, in the first {} runs, by {} ({} to {}) in 300 days with",
             lambda: (
                 *more_on_test("mpc_energy", "ppo_energy", "WinterLED-v1"),
                 *more_on_test("mpc_energy", "ppo_energy", "SpringEnergy-v1"),

@@ -91,7 +91,7 @@ def test_leftovers_of_killed_processes_are_removed(day_task: TaskSpec, write_age
     assert [path.name for path in place.glob("*.partial")] == [".other.json.x.partial"], "that of another agent stays"
 
 
-@pytest.mark.parametrize("why", ["never written", "of an earlier result"])
+@pytest.mark.parametrize("why", ["never written", "of an earlier result", "cut"])
 def test_a_profile_that_a_kill_kept_from_being_written_is_made_by_the_same_command(
     day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, why: str
 ) -> None:
@@ -104,7 +104,7 @@ def test_a_profile_that_a_kill_kept_from_being_written_is_made_by_the_same_comma
     if why == "never written":
         place.unlink()
     else:
-        place.write_bytes(earlier)
+        place.write_bytes(earlier if why == "of an earlier result" else whole[:-9])
     evaluate(day_task, agent, out=tmp_path, episodes="none")
     assert place.read_bytes() == whole
 

@@ -304,5 +304,6 @@ def test_a_study_that_cannot_be_read_is_told_with_a_way_out(day_file: Path, tmp_
         sweep(search, out)
         whole = (out / "study.db").read_bytes()
         (out / "study.db").write_bytes(b"no database" if damage == "no database" else whole[: len(whole) // 3])
-    with pytest.raises(TrainingError, match=r"study\.db cannot be read or written: .*choose a new folder with --out"):
+    with pytest.raises(TrainingError, match=r"study\.db cannot be read or written: .*choose a new folder with --out") as refused:
         sweep(search, out)
+    assert "sqlalche.me" not in str(refused.value)

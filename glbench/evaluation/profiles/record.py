@@ -157,7 +157,7 @@ def read_profile(path: Path) -> Profile:
     try:
         document = parse_json(gunzip(read_regular(path, _LARGEST_FILE), _LARGEST_CONTENT))
     except (OSError, EOFError, zlib.error, ValueError) as error:
-        refuse(f"Cannot read the profile {path}: {reason_of(error)}. Make it again with `glbench report --complete`.", ResultError, error)
+        refuse(f"Cannot read the profile {path}: {reason_of(error)}. Delete it and run `glbench report --complete`.", ResultError, error)
     kind = (document.get("schema"), document.get("schema_version")) if isinstance(document, dict) else None
     if kind != (SCHEMA, VERSION):
         refuse(f"{path} is no profile that this glbench reads (schema {quoted(kind)}, expected {(SCHEMA, VERSION)}).", ResultError)

@@ -156,7 +156,7 @@ def fits(library: binding.Library, program: Program) -> bool:
 class Entry:
     """Addresses of ``glb_environment`` (native/environment.hpp) and of its arguments but the environments themselves.
 
-    They are valid as long as this object. ``settings`` and ``program`` are those of its ``EnvironmentCall``, ``parameters`` their number.
+    They are valid as long as this object. ``settings`` and ``program`` are its ``EnvironmentCall``'s, ``parameters`` the model's count.
     """
 
     function: int
