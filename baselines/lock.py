@@ -43,8 +43,8 @@ TOLERANCE = 1e-9
 LIMITS = TimeLimits(start=3600.0, step=600.0)
 """Actions are compared, not times: a busy machine is no reason to fail."""
 PLANNERS = {
-    "mpc", "mpc_energy", "mpc_energy_hourly", "mpc_greenhouse", "mpc_greenhouse_book", "mpc_lettuce", "mpc_scenario_lettuce", "mpc_true_state",
-    "mpc_value_lettuce",
+    "mpc", "mpc_energy", "mpc_energy_hourly", "mpc_greenhouse", "mpc_greenhouse_book", "mpc_lettuce", "mpc_scenario_lettuce",
+    "mpc_true_state", "mpc_value_lettuce",
 }  # fmt: skip
 PLANNER_STEPS, PLANNER_TOLERANCE, OTHER_PROCESSOR = 6, 1e-3, 3e-2
 """For predictive control. Each step starts from the plan of the last one, so rounding of 1e-15 grows to 1e-2 within half a day. The

@@ -136,10 +136,8 @@ def plan() -> list[Job]:
     energy = [Job("ppo_energy", task, seed) for task in OF_ENERGY for seed in range(3)]
     energy += [Job("ppo_energy_tuned", "SpringEnergy-v1", seed) for seed in range(3)]
     harvest = [Job("ppo_harvest", "LettuceHarvest-v1", seed) for seed in range(3)]
-    classic = [
-        Job(recipe, "LettuceClassic-Delta05-v1", seed) for recipe in (*IMITATIONS, "ppo_lettuce", "sac_lettuce") for seed in range(3)
-    ]
-    classic.append(Job("td3_lettuce", "LettuceClassic-Delta05-v1", 0))
+    of_classic = (*IMITATIONS, "ppo_lettuce", "sac_lettuce", "td3_lettuce")
+    classic = [Job(recipe, "LettuceClassic-Delta05-v1", seed) for recipe in of_classic for seed in range(3)]
     of_others = [*off_policy, *greenhouse, *energy, *harvest, *classic]
     return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *of_others]
 
