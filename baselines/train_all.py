@@ -72,11 +72,12 @@ ALGORITHMS = {
 """Algorithms of Stable-Baselines3 by the recipes that use them."""
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 """The suite ``control-2025``, on which the compiled PPO, with and without memory, and SAC train; for long only where tomatoes grow."""
-OF_GREENHOUSE = {"outdoor": 5, "ppo_greenhouse": 3, "ppo_memory_greenhouse": 3}
-"""Trainings of each recipe on each of ``GREENHOUSE_TASKS``. The mean of ``outdoor`` is the zero of a task's scores."""
-GREENHOUSE_TASKS = ("GreenhouseReal-v1", "Lettuce-v2")
+OF_GREENHOUSE = ("outdoor", "ppo_greenhouse", "ppo_memory_greenhouse")
+"""Recipes for the tasks in ``GREENHOUSE_TASKS``. The mean of ``outdoor`` is the zero of a task's scores."""
+GREENHOUSE_TASKS = {"GreenhouseReal-v1": (5, 5, 5), "Lettuce-v2": (5, 3, 3)}
+"""Trainings of each recipe of ``OF_GREENHOUSE``, by task."""
 OF_ENERGY = ("WinterLED-v1", "SpringEnergy-v1", "FullSeason-v1", "FullSeasonEnergy-v1")
-"""The suite ``energy``, on which the compiled PPO with a memory trains, three times each."""
+"""The suite ``energy``, on which the compiled PPO with a memory trains, five times each."""
 IMITATIONS = ("imitation_lettuce",)
 """Recipes that imitate a controller."""
 CARD_OF_RECIPE = "card.in.toml"
@@ -129,12 +130,15 @@ def plan() -> list[Job]:
     fast = [Job("ppo_fast", task, seed) for task in (*OF_CONTROL, *map(_paper, SEEDED_LEVELS)) for seed in range(3)]
     memory = [Job("ppo_memory", task, seed) for task in OF_CONTROL for seed in range(3)]
     long = [Job("ppo_long", task, seed) for task in OF_CONTROL[:3] for seed in range(3)]
-    off_policy = [Job("sac_fast", task, 0) for task in (*OF_CONTROL, "GreenhouseReal-v1")]
+    off_policy = [Job("sac_fast", task, 0) for task in OF_CONTROL] + [Job("sac_fast", "GreenhouseReal-v1", seed) for seed in range(3)]
     greenhouse = [
-        Job(recipe, task, seed) for task in GREENHOUSE_TASKS for recipe, trainings in OF_GREENHOUSE.items() for seed in range(trainings)
+        Job(recipe, task, seed)
+        for task, trainings in GREENHOUSE_TASKS.items()
+        for recipe, count in zip(OF_GREENHOUSE, trainings, strict=True)
+        for seed in range(count)
     ]
-    energy = [Job("ppo_energy", task, seed) for task in OF_ENERGY for seed in range(3)]
-    energy += [Job("ppo_energy_tuned", "SpringEnergy-v1", seed) for seed in range(3)]
+    energy = [Job("ppo_energy", task, seed) for task in OF_ENERGY for seed in range(5)]
+    energy += [Job("ppo_energy_tuned", "SpringEnergy-v1", seed) for seed in range(5)]
     harvest = [Job("ppo_harvest", "LettuceHarvest-v1", seed) for seed in range(3)]
     of_classic = (*IMITATIONS, "ppo_lettuce", "sac_lettuce", "td3_lettuce")
     classic = [Job(recipe, "LettuceClassic-Delta05-v1", seed) for recipe in of_classic for seed in range(3)]

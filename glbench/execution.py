@@ -2,8 +2,7 @@
 
 ``submit`` takes a function and its arguments, and ``as_completed`` yields jobs in the order in which they end. In addition:
 
-- A job sends progress and events to its listener, which ``as_completed`` calls in the thread that waits. If the listener raises, the job
-  stops.
+- A job sends progress and events to its listener, which ``as_completed`` calls in the waiting thread. A listener that raises stops the job.
 - A job may have a folder. On a cluster, the folder's files are sent with the job and returned each time it saves them.
 - A job whose worker was lost starts again on another one, up to ``RETRIES`` times, with the files that it saved last.
 - Leaving the executor's ``with`` block, even through an exception such as Ctrl-C, ends all jobs at once. Local

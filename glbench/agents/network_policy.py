@@ -234,8 +234,7 @@ class Actor:
     traced: NDArray[np.int64]
     """Columns that leave traces ``(t,)``."""
     shares: Floats
-    """How far each trace goes towards the reading in a step ``(k,)``; there are ``k`` traces of every such column, those of the first share
-    first."""
+    """How far each trace goes towards the reading in a step ``(k,)``; every such column has ``k`` traces, the first share's first."""
     max_change: Floats
     """How far an action of 1 moves its control in a step ``(m,)``, of its range; 0 where the network gives the action itself."""
     low: Floats

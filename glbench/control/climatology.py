@@ -79,8 +79,7 @@ class Climatology:
     """``(leads, quantities, 3)``: shares that are expected so many hours ahead of the deviation now, of that of late
     (``WeatherObservation``), and of the one that the forecast tells."""
     sky: Floats
-    """Change of the sky's depression with the relative deviation of clearness of late, and the deviations of temperature and humidity
-    ``(3,)``."""
+    """Change of the sky's depression with the deviations of clearness of late (relative), temperature and humidity ``(3,)``."""
     forecast_hours: tuple[int, ...]
     """Hours of the forecast that the last weights are for."""
 

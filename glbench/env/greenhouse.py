@@ -73,8 +73,7 @@ class GreenhouseEnv(spaces.WithHorizon, gymnasium.Env[NDArray[np.float32], NDArr
         Id, path of a task file, or the task itself.
     kernel
         Name of a preset or a ``Kernel``. Scores are made with ``"reference"``, the default; ``"standard"`` and ``"fast"`` are
-        for training, ``"tight"`` checks the others. Environments of a thread share the kernel of a preset, which is made
-        at the first reset.
+        for training, ``"tight"`` checks the others. Environments of a thread share a preset's kernel, made at the first reset.
     render_mode
         ``"ansi"``: ``render`` returns a few lines of text. ``"rgb_array"``: a picture of the last two days, ``(480, 640, 3)`` uint8,
         which needs the extra ``video``. ``None``: nothing.

@@ -98,8 +98,7 @@ def approx_normal(a: Any, b: Any, c: Any) -> Any:
 def ar1_paths(key: NDArray[np.uint64], length: int, persistence: NDArray[np.float64]) -> NDArray[np.float64]:
     """Paths a(t) = phi a(t - 1) + sqrt(1 - phi**2) w(t), with w approximately normal and a(0) = w(0); mean 0 and standard deviation 1.
 
-    ``key`` is that of the stream of random numbers, ``(1, 2)``, ``persistence`` phi of each path, ``(paths,)``. Returns
-    ``(length, paths)``.
+    ``key`` is that of the stream of random numbers, ``(1, 2)``, ``persistence`` phi of each path ``(paths,)``. Returns ``(length, paths)``.
     """
     count = len(persistence)
     numbers = uniforms(key, np.arange(length, dtype=np.int64)[None], UNIFORMS_PER_NORMAL * count)[0]

@@ -36,8 +36,7 @@ class Snapshot:
     ended: NDArray[np.bool_]
     """``steps``, ``seeds`` and ``ended``: steps taken, episode seeds and whether the episode has ended, each ``(n,)``."""
     generators: NDArray[np.uint64]
-    """Where the seeds of the next episodes come from: states of the environments' ``np_random``, ``(n, 6)`` words, or ``(0, 6)`` when there
-    are none."""
+    """Where the seeds of the next episodes come from: states of the environments' ``np_random``, ``(n, 6)`` words; ``(0, 6)`` for none."""
     memory: NDArray[np.float64]
     """What runs keep from step to step besides states and controls, ``(n, m)``: nothing (m = 0) in most tasks."""
     split: str = ""

@@ -4,10 +4,9 @@
 parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-tomato-harvest-energy-1.0.0`` an
 engine and a hot-water buffer besides, ``greenlight-tomato-harvest-heat-pump-1.0.0`` a cooler, a heat pump and two buffers instead;
 ``greenlight-lettuce-1.0.0`` has lettuce as its crop, ``greenlight-lettuce-2-1.0.0`` sells it by weight class,
-``greenlight-lettuce-harvest-1.0.0`` cuts it when it is told to, and ``greenlight-tomato-compartment-1.0.0`` is a compartment as it was
-measured.
+``greenlight-lettuce-harvest-1.0.0`` cuts it when it is told to, and ``greenlight-tomato-compartment-1.0.0`` is a measured compartment.
 ``lettuce-classic-1.0.0`` is van Henten's greenhouse with four states (``lettuce_classic``).
-``greenlight-tomato-2-1.0.0`` has a crop with trusses in stages, and three more whose ids begin with ``greenlight-tomato-2`` have it, too.
+``greenlight-tomato-2-1.0.0`` has a crop with trusses in stages, and four more whose ids begin with ``greenlight-tomato-2`` have it, too.
 ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
 """
 
@@ -100,10 +99,15 @@ TOMATO_2_COMPARTMENT = compose(
 )
 """That crop in a compartment as it was measured."""
 
-TOMATO_2_ENERGY = compose(
-    GreenLightClimate(), TrussTomato(), ChpBoilerBuffer(), meters=(HARVEST, PIPE_HEAT, DUMPED, CO2_DOSED), name="greenlight-tomato-2-energy"
-)
+_METERS = (HARVEST, PIPE_HEAT, DUMPED, CO2_DOSED)
+
+TOMATO_2_ENERGY = compose(GreenLightClimate(), TrussTomato(), ChpBoilerBuffer(), meters=_METERS, name="greenlight-tomato-2-energy")
 """That crop with boiler, engine and hot-water buffer."""
+
+TOMATO_2_COMPARTMENT_ENERGY = compose(
+    RisingVents(), TrussTomato(), MassAndNeighbours(), ChpBoilerBuffer(), meters=_METERS, name="greenlight-tomato-2-compartment-energy"
+)
+"""The same in a compartment as it was measured."""
 
 TOMATO_2_HEAT_PUMP = compose(
     GreenLightClimate(), TrussTomato(), HeatHarvesting(), meters=(HARVEST, *HARVEST_METERS, CO2_DOSED), name="greenlight-tomato-2-heat-pump"
@@ -255,6 +259,6 @@ register_model(TOMATO_ENERGY)
 register_model(TOMATO_SEASON)
 register_model(TOMATO_HEAT_PUMP)
 register_model(COMPARTMENT)
-for _model in (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP, LETTUCE_CLASSIC):
+for _model in (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_COMPARTMENT_ENERGY, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP, LETTUCE_CLASSIC):
     register_model(_model)
 _SHIPPED = frozenset(_MODELS)

@@ -12,12 +12,12 @@ from glbench.env import GreenhouseEnv, Simulation
 from glbench.episodes.signals import signals_of
 from glbench.kernel import Kernel, available
 from glbench.model import Horizon, saturation_vapour_pressure
-from glbench.model.paper import TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP
+from glbench.model.paper import TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_COMPARTMENT_ENERGY, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP
 from glbench.tasks import TaskSpec, get_task
 from tests.env.checking import check_that_both_are_silent
 from tests.env.stepping import walk
 
-MODELS = (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP)
+MODELS = (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_COMPARTMENT_ENERGY, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP)
 NEW = ("registration", "crop_health")
 CLIMATES = ("Spring-v1", "Transfer-SandPoint-v1", "Transfer-Miami-v1")
 

@@ -12,7 +12,7 @@ from scipy.stats import erlang
 from glbench.model import Horizon, get_model
 from glbench.model.crop.stages import STAGES
 from glbench.model.crop.trusses import TrussParameters, TrussState
-from glbench.model.paper import TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP
+from glbench.model.paper import TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_COMPARTMENT_ENERGY, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP
 from glbench.model.parameter_checks import check_value
 from glbench.model.quantities import public_name
 from tests.model.conditions import Array, Inputs, reference_points
@@ -21,7 +21,7 @@ from tests.model.truss_stand import MASSES, NUMBERS, Course, Day, grow, mature
 
 MODEL = TOMATO_2
 PLAIN = get_model("greenlight-tomato-season-1.0.0")
-MODELS = (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP)
+MODELS = (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_COMPARTMENT_ENERGY, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP)
 POINTS = reference_points().inputs
 OWN_STATES = tuple(public_name(name) for name in TrussState._fields)
 OWN_PARAMETERS = tuple(name for name in MODEL.parameter_names if name not in PLAIN.parameter_names)
@@ -92,7 +92,8 @@ FLUXES = MODEL.auxiliary_values(*AT)
 
 
 def test_the_models_are_named_and_put_together_as_the_others() -> None:
-    assert [model.id for model in MODELS] == [f"greenlight-tomato-2{part}-1.0.0" for part in ("", "-compartment", "-energy", "-heat-pump")]
+    parts = ("", "-compartment", "-compartment-energy", "-energy", "-heat-pump")
+    assert [model.id for model in MODELS] == [f"greenlight-tomato-2{part}-1.0.0" for part in parts]
     assert {get_model(model.id) for model in MODELS} == set(MODELS)
     assert MODEL.state_names == (*PLAIN.state_names[:21], *OWN_STATES, *PLAIN.state_names[-3:])
     assert len(MODEL.states) == 111

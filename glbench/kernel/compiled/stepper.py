@@ -58,8 +58,7 @@ class Preset:
     begins to condense on a screen after that, the next substep mends it, and there must be one."""
     balanced: bool = False
     """Whether the states are weighted for the comparison with CVODES (``Variable.balance``), or all alike but for a few
-    (``Variable.sharper``): thin screens, all but decoupled while they are open, whose rare large errors when they close decide that
-    comparison."""
+    (``Variable.sharper``): thin screens, all but decoupled while open, whose rare large errors when they close decide that comparison."""
 
 
 PRESETS = {
