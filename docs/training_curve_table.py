@@ -22,7 +22,8 @@ EVERY = 2
 def table(task: str, curve: str, recipe: str) -> str:
     """Mean reward of every shown evaluation on the validation split, and of the released result on the test split, one row a training."""
     rows, steps = [], list[int]()
-    for name in (recipe, f"{recipe}_seed1", f"{recipe}_seed2"):
+    seeds = [recipe, *(f"{recipe}_seed{seed}" for seed in range(1, 5))]
+    for name in (one for one in seeds if (ROOT / "baselines" / one / curve).is_file()):
         with (ROOT / "baselines" / name / curve).open(encoding="utf-8") as file:
             points = list(csv.DictReader(file))
         shown = [*points[:2], *points[2::EVERY]]
