@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 DOCS = Path(__file__).resolve().parent
 PAGE, PICTURE = DOCS / "energy-story.md", DOCS / "images" / "energy-day.png"
 AGENTS = {"rule_based_energy": "rules", "ppo_energy": "learned", "mpc_energy": "predictive control", "best_known": "plan"}
-TRAININGS = {"ppo_energy": ("ppo_energy", "ppo_energy_seed1", "ppo_energy_seed2")}
+TRAININGS = {"ppo_energy": ("ppo_energy", *(f"ppo_energy_seed{seed}" for seed in range(1, 5)))}
 """Results that an agent stands for, where a recipe was trained more than once."""
 COLOURS = {"rule_based_energy": ORANGE, "ppo_energy": "#cc79a7", "mpc_energy": BLUE, "best_known": GREEN}
 

@@ -19,6 +19,7 @@ import importlib
 import os
 import pickle
 import signal
+import socket
 import time
 import traceback
 import uuid
@@ -434,6 +435,9 @@ class RayExecutor(Executor):
             settings, environment = {}, _ONE_THREAD
         for attempt in range(1, _RAY_STARTS + 1):
             try:
+                host, _, port = (self._address or "").rpartition("/")[2].rpartition(":")
+                if port.isdecimal():  # Ray itself would try for minutes
+                    socket.create_connection((host.strip("[]"), int(port)), timeout=10.0).close()
                 self._ray.init(
                     address=self._address or "local",
                     log_to_driver=False,
@@ -447,7 +451,7 @@ class RayExecutor(Executor):
                     continue  # half a minute is short for Ray's processes on a busy machine
                 where = f"at {self._address}" if self._address is not None else "on this machine"
                 reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-                refuse(f"There is no Ray cluster {where}: {reason} `--engine local` needs none.", GlbenchError, error)
+                refuse(f"There is no Ray cluster {where}: {reason.rstrip('.')}. `--engine local` needs none.", GlbenchError, error)
             return
 
     def _start(self, future: Future) -> None:

@@ -111,8 +111,7 @@ class _InPieces(io.FileIO):
 def gunzip(data: bytes, largest: int) -> bytes:
     """The content of a gzip file.
 
-    Raises ``OSError``, ``EOFError``, ``zlib.error`` when it is damaged, and ``ValueError`` when it expands to more than ``largest`` bytes;
-    no more than that is ever held.
+    Raises ``OSError``, ``EOFError``, ``zlib.error`` when it is damaged, and ``ValueError`` beyond ``largest`` bytes; no more is held.
     """
     with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
         content = read_pieces(file.read, largest + 1)

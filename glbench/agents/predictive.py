@@ -19,7 +19,7 @@ from glbench.agents.views import visible_columns
 from glbench.arrays import Floats
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
-from glbench.errors import GlbenchError, SubmissionError, UnknownNameError, did_you_mean, refuse
+from glbench.errors import GlbenchError, SubmissionError, UnknownNameError, refuse
 from glbench.quantities import AIR
 from glbench.resources import data_folder, write_atomically
 from glbench.settings import Table, read_settings
@@ -61,8 +61,8 @@ class PredictiveSettings(Table):
         if self.end_value(task) is None:
             able = predictive_baseline(task)
             msg = (
-                f"There is no end value for the model of {task.id}, {task.model_id}.{did_you_mean(task.model_id, self.end_values)} "
-                f"There are some for {', '.join(self.end_values)}."
+                f"There is no end value for the model of {task.id}, {task.model_id}; there are some for {', '.join(self.end_values)}. "
+                "python baselines/end_values.py makes those of other tasks (docs/control.md)."
                 + (f" The baseline {able} has one for {task.model_id}." if able != PREDICTIVE_BASELINES[0] else "")
             )
             raise SubmissionError(msg)

@@ -159,8 +159,7 @@ class PolicyAgent:
     """An agent that asks a policy. Its rows do not know of each other, and a row has the same bits in every batch.
 
     ``ask`` answers ``(n, actions + state)`` for ``(n, columns + state)``, of observations that went through ``normalise``. ``state`` is how
-    many numbers a recurrent policy hands from one step of a run to the next, 0 at the run's start. ``clip``: whether answers are clipped to
-    the bounds of the actions.
+    many numbers a recurrent policy hands from one step of a run to the next, 0 at the run's start. ``clip``: whether answers are clipped.
     """
 
     def __init__(self, ask: EvenRows, normalise: Normalise, actions: int, state: int = 0, *, clip: bool = False) -> None:

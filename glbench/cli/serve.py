@@ -14,7 +14,7 @@ import typer
 
 from glbench.cli.console import count, debugging, messages, print_warning, tell
 from glbench.cli.options import task_or_default
-from glbench.errors import GlbenchError, refuse
+from glbench.errors import EpisodeError, GlbenchError, refuse
 from glbench.extras import require
 
 
@@ -76,3 +76,5 @@ def serve(
         server_of(app, debug=debugging()).run(sockets=[listener])
     where = f" Episodes of those with a step are in {episodes}." if episodes is not None and seasons.at_end else ""
     tell(f"\nClosed, with {count(seasons.at_end, 'session')} open.{where}")
+    if seasons.unsaved:
+        refuse(f"{count(seasons.unsaved, 'episode')} of them could not be written, as said above, and the seasons are lost.", EpisodeError)

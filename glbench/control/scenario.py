@@ -42,8 +42,7 @@ class Scenario:
     of the last one, ``(T + 1, columns)``."""
     low: Floats
     high: Floats
-    """``low`` and ``high``: bounds of the controls ``(c,)``; those that the task does not grant stay at 0, or follow the schedule
-    (``with_schedule``)."""
+    """``low`` and ``high``: bounds of the controls ``(c,)``; what the task does not grant stays at 0 or follows the schedule."""
     max_change: float
     """The largest change of a control in a step; of its command, where actuators are not ideal."""
     delivery: Delivery | None = None

@@ -126,8 +126,7 @@ class StageReward:
 
         States ``x`` are ``(T + 1, s)``, and controls ``u``, fractions, ``(T, c)``, or batches ``(..., T + 1, s)`` and ``(..., T, c)``.
         ``calendar`` has the rows of the scenario's calendar at the start of each step and at the end of the last one ``(T + 1, columns)``,
-        such as ``scenario.calendar[k : k + T + 1]``; needed where prices change. Raises ``ShapeError`` when states, controls and calendar
-        do not fit each other or the task.
+        such as ``scenario.calendar[k : k + T + 1]``; needed where prices change. Raises ``ShapeError`` for what does not fit.
         """
         read, shape = self._inputs(x, u, calendar)
         return self._stages(self._derivatives.values(read), shape)
@@ -190,8 +189,7 @@ class AirAlong:
     values: Floats
     """``(..., 3)``."""
     gradient: Floats
-    """Derivative of each with respect to the states ``(..., 3, s)``. Relative humidity is cut off at 0 and 100 %, as a hygrometer shows it;
-    beyond, its derivative is 0."""
+    """Derivative of each with respect to the states ``(..., 3, s)``. Relative humidity is cut off at 0 and 100 %; beyond, it is 0."""
 
 
 def air_of(model: Model, states: ArrayLike) -> AirAlong:

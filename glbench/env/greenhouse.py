@@ -47,8 +47,7 @@ class GreenhouseEnv(spaces.WithHorizon, gymnasium.Env[NDArray[np.float32], NDArr
     ## Observation space
 
     ``Box`` of float32 with finite bounds; ``env.unwrapped.task.observed()`` names the columns with their units, bounds and typical
-    ranges. The bounds are limits that no observation can exceed, far beyond what occurs. With ``normalise=True`` the typical range of each
-    column becomes -1 to 1.
+    ranges. The bounds are limits that no observation can exceed, far beyond what occurs. ``normalise=True`` maps typical ranges to -1 to 1.
 
     ## Reward
 

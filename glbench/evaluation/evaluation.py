@@ -17,8 +17,8 @@ from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
 from glbench.episodes import Recorder, chosen_rows, parse_selection, provenance_of
 from glbench.episodes.header import versions as recorded_versions
-from glbench.errors import GlbenchError, ResultError, SandboxError, SubmissionError, refuse, whole_number
-from glbench.evaluation import records
+from glbench.errors import EpisodeError, GlbenchError, ResultError, SandboxError, SubmissionError, refuse, whole_number
+from glbench.evaluation import records, saving
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
 from glbench.evaluation.files import ensure_writable, load_result, result_path
 from glbench.evaluation.limits import TimeLimits
@@ -240,8 +240,10 @@ def _finished(
     weaker = protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap"
     if weaker or stored.evaluation.seeds != seeds or stored.task.split != task.split or stored.evaluation.limits != _seconds_of(limits):
         return None
-    if stored.record is None or not path.with_name(stored.record.file).is_file():
-        logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
+    try:
+        saving.recorded_actions(stored, path)
+    except EpisodeError:
+        logger.warning("%s lacks its recorded actions, or they are damaged, and nobody can verify it; evaluating again.", path)
         return None
     return stored
 

@@ -38,8 +38,7 @@ Run = Callable[[Job], Result]  # Does a job, or loads its stored result
 def check_fresh_draws(job: Job) -> None:
     """Refuse a job that cannot be evaluated with fresh draws, before any evaluation.
 
-    Raises ``TaskError`` when the task has no test split, or the job is of another split or of a sealed round, and ``SandboxError`` when the
-    agent would run without a sandbox.
+    Raises ``TaskError`` for no test split, another split, or a sealed round, and ``SandboxError`` for an agent without a sandbox.
     """
     task = job.task
     if task.splits is None or "test" not in task.splits.names:

@@ -66,12 +66,13 @@ class Trajectory:
 def check_learnable(task: TaskSpec, first_seed: int, seasons: int) -> None:
     """Refuse seasons that are held out.
 
-    Raises ``TaskError`` when ``task`` is in a split other than training, or has no training split, and ``GlbenchError`` when a task could
-    be scored with one of the seeds.
+    Raises ``TaskError`` for a split other than training, or none, and ``GlbenchError`` for no seasons, or seeds that score.
     """
     task.check_training()
     if task.split not in (None, "training"):
         refuse(f"{task.id} is in its {task.split} split, which is held out: datasets for learning come from the training split.", TaskError)
+    if seasons < 1:
+        refuse(f"A dataset of {seasons} seasons is none. Name at least one agent, and at least one run of each.", GlbenchError)
     last = first_seed + seasons - 1
     if not FIRST_TRAINING_SEED <= first_seed <= last <= _LAST_SEED:
         why = "are not for learning: tasks are scored with smaller seeds" if first_seed < FIRST_TRAINING_SEED else "are too large"
@@ -100,8 +101,7 @@ def trajectories(
 
     ``check_learnable`` and ``check_agent`` say what can be learned from. ``noise`` is the standard deviation of Gaussian noise on every
     action, in halves of its range, which belongs to the season's seed; the agent sees its effect, and the noisy action is kept.
-    ``progress`` is called after every step with the number of seasons that took it. Raises ``SubmissionError`` when the agent fails: data
-    from a broken agent are useless.
+    ``progress`` is called after every step with the number of seasons that took it. Raises ``SubmissionError`` when the agent fails.
     """
     for first in range(0, len(seeds), _TOGETHER):
         together = list(seeds[first : first + _TOGETHER])

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import logging
+import math
 from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import partial
@@ -22,7 +23,7 @@ from pythonfmu.enums import Fmi2Status
 from glbench import __version__
 from glbench.env import Simulation, Snapshot, info_quantities
 from glbench.env.actuation import actions_of
-from glbench.errors import ActionError, GlbenchError, ShapeError
+from glbench.errors import ActionError, GlbenchError, ShapeError, refuse
 from glbench.fmu.scenario import LARGEST_SEED, FmuSetup, task_in_season
 from glbench.fmu.units import base_unit, fmi_unit
 from glbench.model import vapour_pressure_deficit
@@ -175,6 +176,8 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """The season begins at ``start_time`` [s]; the rest changes nothing."""
+        if not math.isfinite(start_time):
+            refuse(f"The season cannot begin at {start_time:g} s. Give a finite start time.", ShapeError)
         self._start_time = start_time
 
     def exit_initialization_mode(self) -> None:
@@ -224,7 +227,7 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
                 "Stop there, or reset the FMU for another season."
             )
             raise ShapeError(msg)
-        if abs(current_time - now) > _TIME_TOLERANCE * seconds:
+        if not abs(current_time - now) <= _TIME_TOLERANCE * seconds:  # not a number is refused, too
             msg = f"A step from {current_time:g} s was asked for, but the greenhouse is at {now:g} s. Continue there, or reset the FMU."
             raise ShapeError(msg)
         shares = np.zeros(len(self.inputs))

@@ -130,8 +130,7 @@ class Kernel(Trajectories):
     """x(t + h) from x(t) with controls, weather and parameters held constant in between.
 
     Row i of a batch gives the same bits as the row stepped alone, whatever the other rows and earlier calls were. Not
-    thread-safe. Raises ``UnknownNameError`` when backend or preset do not exist, and ``ShapeError`` when ``step_seconds`` is not positive
-    and finite, or ``model`` is none.
+    thread-safe. Raises ``UnknownNameError`` for backend or preset, and ``ShapeError`` for ``step_seconds`` or ``model``, if impossible.
 
     A step of ``model``, such as ``glbench.model.TOMATO``, takes ``step_seconds`` [s]. ``backend`` is ``"auto"``, ``"compiled"``,
     ``"casadi"``, ``"cvodes"`` or, of a map, ``"discrete"``, see ``glbench.kernel.kernel``; as an attribute it is the name of the one that
@@ -211,8 +210,7 @@ class Kernel(Trajectories):
         binds a step keeps them inside.
 
         The arrays are as for ``step``, C-contiguous float64; ``u`` and ``d`` have as many rows as ``x``. ``out`` takes the states after the
-        step, in the shape of ``x``; if it is ``x``, every call continues from the last. Raises ``ShapeError`` when an array has another
-        shape, type or layout.
+        step, in the shape of ``x``; if it is ``x``, every call continues from the last. Raises ``ShapeError`` for a wrong array.
         """
         rows, result = bound_rows(self._names, x, u, d, p, out)
         return self._backend.bind(rows, result)

@@ -30,8 +30,7 @@ _Recipe = tuple[object, ...]
 class Entry:
     """What one row of a task's table stands for.
 
-    ``trainings`` share their evaluation seeds. ``training_seeds`` are the seeds that they were trained with; empty for a result that is no
-    training among others.
+    ``trainings`` share their evaluation seeds. ``training_seeds`` are the seeds that they were trained with; else empty.
     """
 
     name: str
@@ -138,8 +137,7 @@ def _version(entry: Entry) -> str:
 def _joined(items: Iterable[StoredResult], seeds: tuple[int, ...]) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:
     """Trainings on one board, by recipe and seeds of the evaluation, in the order of the seeds that they were trained with.
 
-    Each policy occurs once (the same rewards in all runs mean the same policy, unless all runs failed). A recipe with the same seed twice
-    is left out.
+    Each policy occurs once (the same rewards in all runs mean the same policy, unless all runs failed). No recipe has a seed twice.
     """
     groups: dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]] = {}
     policies = set[object]()

@@ -133,8 +133,7 @@ def bootstrap_interval(
     ``values`` are one a run, ``(n,)``, n >= 1, finite; ``statistic`` maps ``(resamples, n)`` to ``(resamples,)``: ``mean``,
     ``interquartile_mean`` or ``worst_tenth``. ``confidence`` is the coverage between 0 and 1, ``resamples`` the number of samples drawn
     with replacement; the same ``seed`` gives the same bits. Returns the lower and upper end, in the unit of ``values``. With one run, or
-    with equal values, both ends are that value. Raises ``ResultError`` when there are no values, a value is not finite, or ``confidence``
-    is not between 0 and 1.
+    with equal values, both ends are that value. Raises ``ResultError`` for no values, one not finite, or an impossible ``confidence``.
     """
     return stratified_interval(
         [_checked(values)], lambda samples: statistic(samples[0]), confidence=confidence, resamples=resamples, seed=seed

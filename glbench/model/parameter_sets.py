@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -68,7 +69,7 @@ class ParameterValues:
     orders: tuple[Order, ...]
     refuse: Callable[[Mapping[str, float]], None]
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Public names, in the order of the vector."""
         return tuple(info.name for info in self.table)

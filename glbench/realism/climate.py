@@ -75,8 +75,7 @@ def compare_climate(
 ) -> tuple[ClimateComparison, tuple[ClimateRun, ...]]:
     """Run each of ``houses`` freely in every compartment that has an indoor climate.
 
-    Raises ``ArchiveError`` when weather or climate is of no use, or lamps or CO2 gave more than installed, and ``StepError`` when no house
-    can be integrated.
+    Raises ``ArchiveError`` for useless weather or climate, or more light or CO2 than installed, ``StepError`` if no house can be run.
     """
     outside = outdoors(archive, settings.place.clock, settings.place.co2, step_seconds=ROW_SECONDS)
     measured = [(one.name, one.indoor) for one in archive.compartments if one.indoor is not None]

@@ -107,11 +107,12 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
         table = replace(table, notes=(*table.notes, f"times are read as UTC{ahead[0]:+d} all year, as their title says"))
     seconds = stamps.seconds if is_utc else outside.utc_of_local(table, stamps.seconds, time_zone(clock), time[0])
     if not SHORTEST <= step <= LONGEST:
-        table.refuse(f"its step is {step / 60:g} min. Export means of {SHORTEST // 60} to {LONGEST // 60} min.")
+        what = f"its step is {step / 60:g} min" if seconds.size > 1 else "it has one row"
+        table.refuse(f"{what}. Export means of {SHORTEST // 60} to {LONGEST // 60} min.")
     late = np.flatnonzero(np.diff(seconds) <= 0)
     if late.size:
         problem = f"'{' '.join(table.rows[late[0] + 1][table.titles.index(one)] for one in time)}' is not later than the row above. "
-        table.refuse(problem + "Take out rows that are there twice.", int(late[0]) + 1, time[0])
+        table.refuse(problem + "Sort the rows by time, and take out those that are there twice.", int(late[0]) + 1, time[0])
     columns: dict[str, FloatArray] = {}
     unread = []
     for title in (title for title in table.titles if title not in time):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import ArchiveError
+from glbench.realism.export import WEATHER_UNITS
 from glbench.realism.houses import Lamps, Settings
 from glbench.realism.published import ROW_SECONDS, WEATHER, Archive, Compartment, five_minutes, longest, moment, on_rows
 from glbench.weather import preprocessing
@@ -56,8 +57,7 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float, step_seconds: int = S
     linearly. The hour that summer time skips does not exist, whatever the archive has in its rows; the hour that comes twice is read twice.
 
     The sky's temperature follows from the net long-wave radiation of the pyrgeometer, whose own temperature is the air's:
-    sigma Tsky^4 = sigma Tout^4 + Pyrgeo. Raises ``ArchiveError`` when more than ``LONGEST_GAP_HOURS`` are missing at once, or the weather
-    does not reach over all days.
+    sigma Tsky^4 = sigma Tout^4 + Pyrgeo. Raises ``ArchiveError`` when more than ``LONGEST_GAP_HOURS`` are missing at once or at an end.
     """
     readings, numbers = five_minutes(archive.first, archive.days, clock)
     radiation, temperature, humidity, wind, net = (
@@ -71,7 +71,7 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float, step_seconds: int = S
         if hours > LONGEST_GAP_HOURS:
             msg = (
                 f"{source}: the weather of {hours:.1f} h is missing from {when}; at most {LONGEST_GAP_HOURS} h are filled. Complete "
-                f"{', '.join(WEATHER)} there, or cut the compartments' days."
+                f"{', '.join(WEATHER_UNITS if archive.own else WEATHER)} there, or cut the compartments' days."
             )
             raise ArchiveError(msg)
         rows = f"{missing.sum():,} of {missing.size:,} rows"

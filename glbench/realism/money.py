@@ -59,8 +59,7 @@ def read_prices(path: Path = PRICES) -> Prices:
 class Account(settings.Table):
     """A season's money [EUR m-2] and amounts [kg m-2, kWh m-2, MJ m-2, kg m-2].
 
-    ``house`` is ``None`` where it was measured. ``fruit_ratio`` is measured over simulated fruit of the growers' season in the house;
-    ``None`` where none was simulated.
+    ``house`` is ``None`` where it was measured. ``fruit_ratio``: measured over simulated fruit of the growers' season in the house, if any.
     """
 
     name: str

@@ -24,7 +24,7 @@ from glbench.outside_tables import read_text
 from glbench.realism.export import EXPORT, EXPORT_WEATHER, WEATHER_UNITS, read_export
 from glbench.weather import preprocessing
 from glbench.weather.hourly import SKY_ESTIMATED, sky_infrared
-from glbench.weather.record import FloatArray, IntArray, Place
+from glbench.weather.record import FloatArray, IntArray, Place, check_place
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -313,6 +313,7 @@ def _read_own(folder: Path, clock: str) -> Archive:
             msg = f"{table.file} has no sky_temperature [degC]; to estimate it, add '# latitude: 52.0' and '# longitude: 4.5' on top."
             raise ArchiveError(msg)
         place = Place(folder.name, table.place["latitude"], table.place["longitude"], 0.0, clock)
+        check_place(place, table.file, ArchiveError)
         present = ~np.isnan(outside + columns["Rhout"] + columns["Iglob"])
         if not present.any():
             together = "global_radiation, outdoor_temperature and outdoor_humidity together"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import logging
 import math
 import re
 import secrets
@@ -33,6 +34,8 @@ from glbench.untrusted import quoted
 
 if TYPE_CHECKING:
     from glbench.episodes import Episode
+
+logger = logging.getLogger(__name__)
 
 MOST_SESSIONS = 16
 IDLE_MINUTES = 60.0
@@ -279,7 +282,7 @@ class Sessions:
         self.task, self.most, self.idle_minutes = task, most, idle_minutes
         self._seeds, self._folder, self._clock = itertools.count(first_seed), folder, clock
         self._open: dict[str, Session] = {}
-        self.at_end = 0
+        self.at_end = self.unsaved = 0
 
     def start(self, request: messages.SeasonRequest, name: str | None = None) -> Session:
         """Start a season, in a new session or in ``name``. Raises ``RequestError`` for a split not served, or too many open sessions."""
@@ -329,13 +332,24 @@ class Sessions:
         """Close the sessions that were not used for too long."""
         oldest = self._clock() - 60.0 * self.idle_minutes
         for name in [name for name, session in self._open.items() if session.last_use < oldest]:
-            self._write(self._open.pop(name))
+            self._try_to_close(name)
 
     def close_all(self) -> None:
-        """Close every session."""
+        """Close every session; ``unsaved`` counts those whose episode could not be written."""
         self.at_end = len(self._open)
         for name in list(self._open):
-            self._write(self._open.pop(name))
+            self._try_to_close(name)
+        self.unsaved = len(self._open)
+
+    def _try_to_close(self, name: str) -> None:
+        """Close a session; one whose episode cannot be written stays open, and the log says why."""
+        try:
+            self._write(self._open[name])
+        except GlbenchError as error:
+            self._open[name].last_use = self._clock()
+            logger.warning("Session %s stays open: %s", name, error)
+        else:
+            del self._open[name]
 
     def prepare(self) -> None:
         """Compile and draw what the first season needs, so that it starts at once."""
@@ -361,6 +375,5 @@ class Sessions:
         from glbench.episodes import write_episode
 
         path = next(path for n in itertools.count(1) if not (path := self._folder / f"{session.label}-{n}.mcap").exists())
-        self._folder.mkdir(parents=True, exist_ok=True)
         write_episode(path, session.episode())
         return path

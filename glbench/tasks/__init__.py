@@ -1,7 +1,6 @@
 """Tasks: what is to be controlled, where, for how long and how it is scored, as data with a digest.
 
-A task is a TOML file without code. Published ones are in the folder ``tasks`` with a lock; they never change. docs/task-file.md
-explains the format.
+A task is a TOML file without code. Published ones are in the folder ``tasks`` with a lock; they never change. Format: docs/task-file.md.
 """
 
 from typing import TYPE_CHECKING

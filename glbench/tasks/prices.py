@@ -36,8 +36,7 @@ SHAPE = (
     0.84, 0.80, 0.77, 0.76, 0.78, 0.84, 0.96, 1.10, 1.18, 1.13, 1.06, 1.02,
     0.99, 0.96, 0.95, 0.97, 1.03, 1.14, 1.25, 1.28, 1.20, 1.08, 0.99, 0.92,
 )  # fmt: skip
-"""Price of each hour of a working day without sun and at 5 m s-1 of wind, as a share of the level: a peak in the morning and one in
-the evening; their mean is 1."""
+"""Price of each hour of a working day without sun and at 5 m s-1 of wind, as a share of the level, with a mean of 1."""
 
 RADIATION, WIND = 1000.0, 5.0
 """Radiation [W m-2] and wind [m s-1] by which a market's influences are counted."""

@@ -52,8 +52,7 @@ _NO_SETTINGS = ("self", "policy", "policy_kwargs", "_init_setup_model", *_SET_BY
 def algorithm_class(name: str) -> type[BaseAlgorithm]:
     """Class of ``ppo``, ``sac`` or a class path such as ``sb3_contrib.RecurrentPPO``.
 
-    Raises ``UnknownNameError`` when there is no such algorithm, and ``TrainingError`` when the class is not an algorithm of
-    Stable-Baselines3's kind.
+    Raises ``UnknownNameError`` when there is no such algorithm, and ``TrainingError`` for a class of another kind.
     """
     path = SHORT.get(name.lower(), name)
     module, _, attribute = path.rpartition(".")

@@ -171,8 +171,7 @@ class TrainingSettings(FrozenSettings):
     """Seed of the first episode of the first greenhouse; episode j of greenhouse i has the seed ``first_env_seed + j n_envs + i``, both
     counted from 0."""
     start_from: PolicyFile | None = None
-    """Policy file (``policy.npz``, ``baselines/*/weights/*.npz``) whose actor and statistics the training begins with; in a settings file
-    relative to it."""
+    """File of a policy (``policy.npz``) whose actor and statistics the training begins with; in a settings file relative to it."""
     policy: str = "MlpPolicy"
     """Name of the policy, as the algorithm knows it."""
     policy_kwargs: dict[str, Any] = Field(default_factory=dict)
@@ -209,8 +208,7 @@ def shipped_settings(algorithm: str) -> Path:
 def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     """Settings for a task from a YAML file: ``default:``, overlaid with the entries under the task's id.
 
-    Keys that are not settings of the training itself are arguments of the algorithm's class. Raises ``TrainingError`` when the file cannot
-    be read, or a value is impossible.
+    Keys that are not settings of the training itself are arguments of the algorithm's class. Raises ``TrainingError`` for a bad file.
     """
     merged = section(file, task_id)
     own = {key: value for key, value in merged.items() if key in OWN}

@@ -84,8 +84,7 @@ class Verdict:
 
     ``exactness`` says whether it was reproduced to the last bit or within the tolerance, if it was; ``largest_difference`` is the largest
     relative one, 0 when all bits are the same. ``runs`` and ``steps`` were simulated again; ``episodes`` are seeds of the full episodes
-    that were compared, too. ``reproduced`` and ``stated`` are the fields of the result that were reproduced, and those that it merely
-    states; see ``coverage``.
+    that were compared, too. ``reproduced`` and ``stated``: fields that were reproduced, or merely stated (``coverage``).
     """
 
     path: Path

@@ -23,7 +23,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import WeatherError, refuse
+from glbench.errors import GlbenchError, WeatherError, refuse
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -268,20 +268,24 @@ class Rows:
     row_numbers: IntArray
 
 
+def check_place(place: Place, file: object, kind: type[GlbenchError] = WeatherError) -> None:
+    """Refuse coordinates that are nowhere, and a time zone that is none, with an error of ``kind`` that names ``file``."""
+    limits = (("latitude", place.latitude, 90.0, "deg"), ("longitude", place.longitude, 180.0, "deg"))
+    for name, value, limit, unit in limits:
+        if not abs(value) <= limit:
+            refuse(f"{file}: the {name} {value} {unit} is impossible. Correct the station's coordinates.", kind)
+    if not -500.0 <= place.altitude <= 9000.0:
+        refuse(f"{file}: the altitude {place.altitude} m is impossible. Correct the station's altitude.", kind)
+    time_zone(place.timezone)
+
+
 def assemble(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord:
     """Checked canonical record of ``rows``, with what ``origin`` knows about them.
 
     Up to ``fill_gaps`` missing hours in a row are filled linearly, which the record's notes say. Raises ``WeatherError``, with file, row
     and value, for an empty file, hours out of order or twice, gaps, missing or impossible values, an impossible place.
     """
-    place = origin.place
-    limits = (("latitude", place.latitude, 90.0, "deg"), ("longitude", place.longitude, 180.0, "deg"))
-    for name, value, limit, unit in limits:
-        if not abs(value) <= limit:
-            refuse(f"{rows.file}: the {name} {value} {unit} is impossible. Correct the station's coordinates.", WeatherError)
-    if not -500.0 <= place.altitude <= 9000.0:
-        refuse(f"{rows.file}: the altitude {place.altitude} m is impossible. Correct the station's altitude.", WeatherError)
-    time_zone(place.timezone)
+    check_place(origin.place, rows.file)
     check_order(rows)
     check_values(rows)  # before gaps are filled: an impossible value must not hide in the filling
     rows, notes = _fill(rows, fill_gaps) if fill_gaps > 0 else (rows, ())

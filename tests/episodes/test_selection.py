@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from glbench.episodes import chosen_rows, parse_selection
@@ -57,12 +59,13 @@ def test_without_a_folder_nothing_is_recorded(day_task, write_agent):
     assert evaluate(day_task, write_agent(RANDOM), episodes="all").record is None
 
 
-def test_a_stored_result_without_its_record_is_evaluated_again(day_task, write_agent, tmp_path, caplog):
+@pytest.mark.parametrize("damage", [Path.unlink, lambda record: record.write_bytes(record.read_bytes()[:300])], ids=["gone", "cut off"])
+def test_a_stored_result_without_its_record_is_evaluated_again(day_task, write_agent, tmp_path, caplog, damage):
     agent = write_agent(RANDOM)
     evaluate(day_task, agent, out=tmp_path)
     (record,) = (tmp_path / "results").rglob("*.actions.mcap")
     content = record.read_bytes()
-    record.unlink()
+    damage(record)
     evaluate(day_task, agent, out=tmp_path)
     assert record.read_bytes() == content
     assert "lacks its recorded actions" in caplog.text

@@ -164,6 +164,11 @@ def test_what_is_held_out_is_refused(split: str) -> None:
         check_learnable(get_task("Spring-v1").in_split(split), FIRST_SEED, 1)
 
 
+def test_a_dataset_of_no_seasons_is_refused(day: TaskSpec) -> None:
+    with pytest.raises(GlbenchError, match="A dataset of 0 seasons is none"):
+        check_learnable(day, FIRST_SEED, 0)
+
+
 def test_seeds_that_score_are_refused(day: TaskSpec) -> None:
     check_learnable(day, FIRST_TRAINING_SEED, 1)
     with pytest.raises(GlbenchError, match="666 to 668 are not for learning"):

@@ -392,6 +392,7 @@ def test_other_models_and_kinds_of_actuation_have_their_own_variables(name: str,
         controls = [capacities[control] for control in task.actuation.controls]
         targets = {one.quantity: one.at_one * task.actuation.max_change * share for one, share in zip(controls, shares, strict=True)}
     slave.set_real([references[f"target.{target}"] for target in targets], list(targets.values()))
+    assert not slave.do_step(float("nan"), task.step_seconds)
     assert slave.do_step(0.0, task.step_seconds), slave.log_queue[-1].msg
     result = simulation.step(actions[None])
     values = {variable.name: variable.getter() for variable in slave.vars.values()}

@@ -224,6 +224,15 @@ def test_the_store_listens_to_the_last_try_alone_and_keeps_what_the_one_before_s
     assert store.answers("job", "second") == [True]
 
 
+def test_an_address_where_nobody_answers_is_refused_at_once() -> None:
+    pytest.importorskip("ray", reason="ray is not installed (extra 'ray')")
+    with (
+        pytest.raises(GlbenchError, match=r"no Ray cluster at 127\.0\.0\.1:1: .*refused\. `--engine local` needs none"),
+        RayExecutor("127.0.0.1:1"),
+    ):
+        pass
+
+
 def test_without_ray_its_engine_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
     monkeypatch.setattr("glbench.extras.find_spec", lambda name: None)

@@ -227,6 +227,7 @@ def test_a_bad_sensor_and_few_days_are_doubts(tmp_path: Path) -> None:
         ("indoor", "2020-02-10 00:05:00,", "2020-02-10 00:00:00,", r"row 3, column 'time': '2020-02-10 00:00:00' is not later"),
         ("indoor", "2020-02-10 00:05:00,", "soon,", r"row 3, column 'time': 'soon' is not a time"),
         ("weather", "# latitude: 52.0\n", "", r"weather.csv has no sky_temperature \[degC\]; to estimate it, add '# latitude: 52.0'"),
+        ("weather", "# latitude: 52.0", "# latitude: 5200", r"weather.csv: the latitude 5200.0 deg is impossible"),
         ("weather", "wind_speed [m/s]", "wind [m/s]", r"weather.csv has no values of wind_speed \[m/s\]"),
         ("weather", ",80.0,4.0", ",80.0,400.0", r"row 4: wind_speed is 400 m/s, outside 0 to 75. Correct or empty it"),
         ("weather", ",80.0,4.0", ",80.0,much", r"row 4, column 'wind_speed \[m/s\]': 'much' is not a number"),
@@ -246,6 +247,9 @@ def test_steps_and_files_that_cannot_be_read(tmp_path: Path) -> None:
     table = pd.read_csv(folder / "indoor.csv", index_col="time")
     table[::6].to_csv(folder / "indoor.csv")
     with pytest.raises(ArchiveError, match=r"its step is 30 min. Export means of 1 to 15 min"):
+        read_archive(folder, CLOCK)
+    table[:1].to_csv(folder / "indoor.csv")
+    with pytest.raises(ArchiveError, match=r"it has one row. Export means of 1 to 15 min"):
         read_archive(folder, CLOCK)
     table[:100].to_csv(folder / "indoor.csv")
     with pytest.raises(ArchiveError, match=r"covers no whole day from midnight to midnight"):

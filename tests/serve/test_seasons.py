@@ -191,6 +191,24 @@ def test_seasons_are_written_when_they_are_closed_replaced_idle_or_the_server_en
     assert [episode.steps for episode in episodes] == [3, 3, 3, 3]
 
 
+def test_no_season_is_lost_where_its_episode_cannot_be_written(task: TaskSpec, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    now, folder = [0.0], tmp_path / "seasons"
+    sessions = Sessions(task, folder=folder, idle_minutes=1.0, clock=lambda: now[0])
+    session, other = (sessions.start(SeasonRequest(seed=SEED)) for _ in range(2))
+    for one in (session, other):
+        one.step(StepRequest(action=STILL, steps=3))
+    folder.write_text("a file where the folder should be", encoding="utf-8")
+    now[0] = 70.0
+    assert sessions.health().sessions == 2  # asked by somebody else, who is told nothing of it
+    assert f"Session {session.name} stays open: " in caplog.text
+    sessions.close_all()
+    assert (sessions.at_end, sessions.unsaved) == (2, 2)
+    folder.unlink()
+    now[0] = 140.0
+    assert sessions.health().sessions == 0
+    assert [read_episode(path).steps for path in folder.iterdir()] == [3, 3]
+
+
 def test_a_part_of_a_season_can_be_viewed(task: TaskSpec, tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="rerun is not installed (extra 'view')")
     from glbench.episodes.rerun_recording import provenance_words, save_recording, shown_of

@@ -98,6 +98,9 @@ def test_a_training_can_be_repeated_and_continued_to_the_bit(trained: Trained, d
     assert again.best_reward == trained.best_reward
     done = train_compiled(day, settings, tmp_path / "run", seed=3)
     assert done.already_done
+    (done.folder / "policy.npz").unlink()
+    with pytest.raises(TrainingError, match=r"a finished training without its policy\.npz\. Remove the folder to train again"):
+        train_compiled(day, settings, tmp_path / "run", seed=3)
 
 
 def test_ctrl_c_waits_for_the_update_and_keeps_it(trained: Trained, day: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -137,8 +137,7 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
 
     ``traits`` are what is known of the model beyond its equations. ``width`` is the number of lanes; None for what suits this processor.
     With ``sensitivities``, the library is one that steps and differentiates, instead of the one that steps. Raises ``CompiledUnavailable``
-    when it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written, equations with an operation
-    that the generator does not know.
+    when it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written, an unknown operation.
     """
     lent = _lent(model, traits, width, sensitivities=sensitivities)
     if lent is not None:

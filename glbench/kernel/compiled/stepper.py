@@ -155,8 +155,7 @@ class CompiledStepper:
         States ``x`` (n, states), controls ``u`` (n, controls) and disturbances ``d`` (n, disturbances) are float64 and C-contiguous;
         parameters ``p`` (n, parameters), or (parameters,) or (1, parameters) shared by all rows. ``out`` gets the states after the step (n,
         states) and may be ``x``; rows that fail keep their state. Returns the status (n,), 0 for rows that were stepped, else for
-        ``explain``, which the next call overwrites. Raises ``ShapeError`` when an array has another shape or type, or, with more than 64
-        rows, another layout.
+        ``explain``, which the next call overwrites. Raises ``ShapeError`` for another shape, type or (above 64 rows) layout.
         """
         batch = self._batch
         if batch.n != len(x):

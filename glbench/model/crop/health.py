@@ -2,14 +2,12 @@
 
 Long light. Tomatoes under lamps for more than about 17 hours a day turn yellow between the veins and photosynthesise less, and recover
 when nights return. The injury here grows with the square of the hours beyond a threshold, and heals with time. Threshold and sizes are
-set so that after four weeks 18 hours cost little, 20 hours more than the light brings, and continuous light half of photosynthesis; the
-parameters name sources.
+set so that after four weeks 18 hours cost little, 20 hours more than the light brings, and continuous light half of photosynthesis.
 
 Wet nights. Leaves and fruits get wet where they are colder than the dew point. The model has one temperature for the canopy, and one for
 the air where the sensor hangs; a greenhouse has spots that are some degrees colder, and fruits whose temperature lags behind the air. The
 hours that the crop is wet are counted, and fade when it dries. Grey mould (Botrytis cinerea) infects more the longer the crop is wet, and
-spreads from parts that are diseased already: each wet night in a row costs more than the one before. Diseased parts are lost, to rot or to
-a crew that takes them out.
+spreads from parts that are diseased already: each wet night in a row costs more than the one before. Diseased parts rot or are taken out.
 """
 
 from __future__ import annotations
