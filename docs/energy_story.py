@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from docs.tables import with_tables
 from docs.what_the_best_does import BLUE, GREEN, ORANGE, STYLE
+from glbench.episodes.signals import KWH_A_CUBIC_METRE
 from glbench.evaluation import Result, load_result
 from glbench.evaluation.profiles import profile_path, read_profile
 from glbench.evaluation.profiles.record import unpack
@@ -114,11 +115,17 @@ def done() -> Items:
         ("mean price earned [EUR/kWh]", 3, lambda one: one.ratio("revenue_power", "electricity_sold")),
         ("engine [h]", 0, lambda one: one.mean("engine_hours")),
         ("gas [kWh/m²]", 1, lambda one: one.mean("gas")),
+        ("the same, natural gas [m³/m²]", 1, lambda one: cubic_metres(one.mean("gas"))),
         ("heat [kWh/m²]", 1, lambda one: one.mean("heat")),
         ("CO2 bought [kg/m²]", 1, lambda one: one.mean("co2_dosed", "co2_bought")),
         ("too humid [h]", 0, lambda one: one.mean("hours_relative_humidity_high")),
         ("too cold [h]", 0, lambda one: one.mean("hours_air_temperature_low")),
     ]
+
+
+def cubic_metres(energy: float | None) -> float | None:
+    """Natural gas [m3 m-2] of so much energy [kWh m-2], by its lower heating value."""
+    return None if energy is None else energy / KWH_A_CUBIC_METRE
 
 
 def negative(value: float | None) -> float | None:
