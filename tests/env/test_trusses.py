@@ -56,6 +56,21 @@ def test_every_model_with_this_crop_can_be_stepped_and_seen(model: Any) -> None:
     assert GreenhouseEnv(task, split="training").action_space.shape == (len(model.controls),)
 
 
+def test_with_the_engine_off_the_whole_seasons_of_cherry_tomatoes_have_one_climate() -> None:
+    """The boiler heats the buffer as much as the buffer the pipes, so both drafts are one greenhouse."""
+    days, states = [], ("tAir", "tPipe", "vpAir", "co2Air", "cLeaf", "cBuf", "tMass")
+    for name in ("FullSeason-v2", "FullSeasonEnergy-v2"):
+        task = get_task(name).replace({"weather.days": 2, "scenario.family": "test/Same"}, actuators=None).in_split("training")
+        simulation = Simulation(task, 2, "fast")
+        simulation.reset([20001, 20002])
+        for action in walk(2, 96, 2, 6):
+            climate = dict(zip(("uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"), action.T, strict=True))
+            climate |= {"uPipe": climate["uBoil"], "uChp": np.full(2, -1.0)}
+            simulation.step(np.stack([climate[control] for control in task.actuation.controls], axis=1))
+        days.append([simulation.x[:, task.model_value.state_names.index(state)] for state in states])
+    assert days[0] == [pytest.approx(values, rel=1e-7) for values in days[1]]
+
+
 def test_what_is_seen_is_the_same_compiled_with_the_environment_and_not() -> None:
     if "compiled" not in available(TOMATO_2):
         pytest.skip("nothing compiled here")
