@@ -115,7 +115,7 @@ def done() -> Items:
         ("mean price earned [EUR/kWh]", 3, lambda one: one.ratio("revenue_power", "electricity_sold")),
         ("engine [h]", 0, lambda one: one.mean("engine_hours")),
         ("gas [kWh/m²]", 1, lambda one: one.mean("gas")),
-        ("the same, natural gas [m³/m²]", 1, lambda one: cubic_metres(one.mean("gas"))),
+        ("gas, as natural gas [m³/m²]", 1, lambda one: cubic_metres(one.mean("gas"))),
         ("heat [kWh/m²]", 1, lambda one: one.mean("heat")),
         ("CO2 bought [kg/m²]", 1, lambda one: one.mean("co2_dosed", "co2_bought")),
         ("too humid [h]", 0, lambda one: one.mean("hours_relative_humidity_high")),
@@ -124,7 +124,7 @@ def done() -> Items:
 
 
 def cubic_metres(energy: float | None) -> float | None:
-    """Natural gas [m3 m-2] of so much energy [kWh m-2], by its lower heating value."""
+    """Volume of natural gas [m3 m-2] with this energy [kWh m-2], by its lower heating value."""
     return None if energy is None else energy / KWH_A_CUBIC_METRE
 
 

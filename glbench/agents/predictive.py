@@ -62,7 +62,7 @@ class PredictiveSettings(Table):
             able = predictive_baseline(task)
             msg = (
                 f"There is no end value for the model of {task.id}, {task.model_id}; there are some for {', '.join(self.end_values)}. "
-                "python baselines/end_values.py makes those of other tasks (docs/control.md)."
+                "In a checkout, python baselines/end_values.py makes them for other tasks (docs/control.md)."
                 + (f" The baseline {able} has one for {task.model_id}." if able != PREDICTIVE_BASELINES[0] else "")
             )
             raise SubmissionError(msg)

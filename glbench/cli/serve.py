@@ -74,7 +74,7 @@ def serve(
         logger.addHandler(logging.StreamHandler())
     with contextlib.suppress(KeyboardInterrupt):
         server_of(app, debug=debugging()).run(sockets=[listener])
-    where = f" Episodes of those with a step are in {episodes}." if episodes is not None and seasons.at_end else ""
+    where = f" Episodes of those with a step are in {episodes}." if episodes is not None and seasons.at_end > seasons.unsaved else ""
     tell(f"\nClosed, with {count(seasons.at_end, 'session')} open.{where}")
     if seasons.unsaved:
-        refuse(f"{count(seasons.unsaved, 'episode')} of them could not be written, as said above, and the seasons are lost.", EpisodeError)
+        refuse(f"{count(seasons.unsaved, 'episode')} could not be written (see above): these seasons are lost.", EpisodeError)

@@ -189,7 +189,7 @@ class AirAlong:
     values: Floats
     """``(..., 3)``."""
     gradient: Floats
-    """Derivative of each with respect to the states ``(..., 3, s)``. Relative humidity is cut off at 0 and 100 %; beyond, it is 0."""
+    """Derivative of each with respect to the states ``(..., 3, s)``. Relative humidity ends at 0 and 100 %; beyond, this is 0."""
 
 
 def air_of(model: Model, states: ArrayLike) -> AirAlong:

@@ -165,7 +165,7 @@ class EpisodeWriter:
     """Writes one episode into a binary file that is open for writing, as a context manager.
 
     What was written is handed to the system chunk by chunk: a killed writer loses the chunk it was at. ``provenance``, ``run`` and
-    ``definition`` are as in ``Episode``, where ``run.steps`` are to come; ``action`` is the type of raw actions, float32 or float64.
+    ``definition`` are as in ``Episode``, with ``run.steps`` steps to come; ``action`` is the type of raw actions, float32 or float64.
     """
 
     def __init__(
@@ -278,7 +278,7 @@ def write_into(file: IO[bytes], episode: Episode, remarks: Mapping[str, Mapping[
 def write_episode(path: Path, episode: Episode) -> None:
     """Write ``episode`` to ``path``, whole or not at all.
 
-    Raises ``EpisodeError`` when it is not whole itself: recovered ones need ``recover``, and ``GlbenchError`` when it cannot be written.
+    Raises ``EpisodeError`` for an episode cut short (write that with ``recover``), ``GlbenchError`` when the file cannot be written.
     """
     if episode.steps != episode.run.steps:
         msg = f"The episode has {episode.steps} steps, and its run {episode.run.steps}. Write it with `recover`, which says so in the file."

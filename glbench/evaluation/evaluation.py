@@ -243,7 +243,7 @@ def _finished(
     try:
         saving.recorded_actions(stored, path)
     except EpisodeError:
-        logger.warning("%s lacks its recorded actions, or they are damaged, and nobody can verify it; evaluating again.", path)
+        logger.warning("The recorded actions of %s are missing or damaged, so that nobody can verify it; evaluating again.", path)
         return None
     return stored
 

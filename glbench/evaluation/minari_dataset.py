@@ -66,13 +66,13 @@ class Trajectory:
 def check_learnable(task: TaskSpec, first_seed: int, seasons: int) -> None:
     """Refuse seasons that are held out.
 
-    Raises ``TaskError`` for a split other than training, or none, and ``GlbenchError`` for no seasons, or seeds that score.
+    Raises ``TaskError`` for another split, or a task without training, ``GlbenchError`` for no seasons, or seeds that cannot be used.
     """
     task.check_training()
     if task.split not in (None, "training"):
         refuse(f"{task.id} is in its {task.split} split, which is held out: datasets for learning come from the training split.", TaskError)
     if seasons < 1:
-        refuse(f"A dataset of {seasons} seasons is none. Name at least one agent, and at least one run of each.", GlbenchError)
+        refuse("A dataset needs at least one season. Name at least one agent, and at least one run of each.", GlbenchError)
     last = first_seed + seasons - 1
     if not FIRST_TRAINING_SEED <= first_seed <= last <= _LAST_SEED:
         why = "are not for learning: tasks are scored with smaller seeds" if first_seed < FIRST_TRAINING_SEED else "are too large"

@@ -176,9 +176,10 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """The season begins at ``start_time`` [s]; the rest changes nothing."""
-        if not math.isfinite(start_time):
-            refuse(f"The season cannot begin at {start_time:g} s. Give a finite start time.", ShapeError)
-        self._start_time = start_time
+        with self._failing_safely():
+            if not math.isfinite(start_time):
+                refuse(f"The season cannot begin at {start_time:g} s. Give a finite start time.", ShapeError)
+            self._start_time = start_time
 
     def exit_initialization_mode(self) -> None:
         """Start the season. From here on seed and split cannot change."""

@@ -130,7 +130,7 @@ class Kernel(Trajectories):
     """x(t + h) from x(t) with controls, weather and parameters held constant in between.
 
     Row i of a batch gives the same bits as the row stepped alone, whatever the other rows and earlier calls were. Not
-    thread-safe. Raises ``UnknownNameError`` for backend or preset, and ``ShapeError`` for ``step_seconds`` or ``model``, if impossible.
+    thread-safe. Raises ``UnknownNameError`` for an unknown backend or preset, ``ShapeError`` for a wrong ``step_seconds`` or ``model``.
 
     A step of ``model``, such as ``glbench.model.TOMATO``, takes ``step_seconds`` [s]. ``backend`` is ``"auto"``, ``"compiled"``,
     ``"casadi"``, ``"cvodes"`` or, of a map, ``"discrete"``, see ``glbench.kernel.kernel``; as an attribute it is the name of the one that

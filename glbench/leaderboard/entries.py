@@ -137,7 +137,7 @@ def _version(entry: Entry) -> str:
 def _joined(items: Iterable[StoredResult], seeds: tuple[int, ...]) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:
     """Trainings on one board, by recipe and seeds of the evaluation, in the order of the seeds that they were trained with.
 
-    Each policy occurs once (the same rewards in all runs mean the same policy, unless all runs failed). No recipe has a seed twice.
+    Each policy occurs once (the same rewards in all runs mean the same policy, unless all failed). A recipe with a seed twice is left out.
     """
     groups: dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]] = {}
     policies = set[object]()

@@ -75,7 +75,7 @@ def compare_climate(
 ) -> tuple[ClimateComparison, tuple[ClimateRun, ...]]:
     """Run each of ``houses`` freely in every compartment that has an indoor climate.
 
-    Raises ``ArchiveError`` for useless weather or climate, or more light or CO2 than installed, ``StepError`` if no house can be run.
+    Raises ``ArchiveError`` for unusable weather or climate, more light or CO2 than installed, ``StepError`` if no house can be run.
     """
     outside = outdoors(archive, settings.place.clock, settings.place.co2, step_seconds=ROW_SECONDS)
     measured = [(one.name, one.indoor) for one in archive.compartments if one.indoor is not None]

@@ -57,7 +57,7 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float, step_seconds: int = S
     linearly. The hour that summer time skips does not exist, whatever the archive has in its rows; the hour that comes twice is read twice.
 
     The sky's temperature follows from the net long-wave radiation of the pyrgeometer, whose own temperature is the air's:
-    sigma Tsky^4 = sigma Tout^4 + Pyrgeo. Raises ``ArchiveError`` when more than ``LONGEST_GAP_HOURS`` are missing at once or at an end.
+    sigma Tsky^4 = sigma Tout^4 + Pyrgeo. Raises ``ArchiveError`` when more than ``LONGEST_GAP_HOURS`` are missing at once.
     """
     readings, numbers = five_minutes(archive.first, archive.days, clock)
     radiation, temperature, humidity, wind, net = (

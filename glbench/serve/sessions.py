@@ -345,7 +345,7 @@ class Sessions:
         """Close a session; one whose episode cannot be written stays open, and the log says why."""
         try:
             self._write(self._open[name])
-        except GlbenchError as error:
+        except (GlbenchError, OSError) as error:
             self._open[name].last_use = self._clock()
             logger.warning("Session %s stays open: %s", name, error)
         else:

@@ -72,7 +72,7 @@ class TaskCard:
     of kind ``set_point`` in [0, 1] is the control asked for, reached by at most ``max_change`` a step; one of kind
     ``process_computer`` in [-1, 1] stands for a set point between ``lowest`` and ``highest`` in its own unit: ``Action.of`` turns set
     points into actions, ``Action.value`` actions into set points. ``delta`` and ``half_width``: how widely uncertain parameters are drawn.
-    ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1. ``definition``: the public one, for ``task``.
+    ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1. ``task`` reads ``definition``, the public one.
     """
 
     id: str

@@ -41,7 +41,7 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     """Task with an id such as ``glbench/Schiphol2010-Delta10-v1`` (or its short form), or of a ``.toml`` file.
 
     A published task is compared with the lock, weather and model included, once a process. A file of your own is loaded as
-    it is; its ``locked`` is false. In a sandbox the agent's own task is there, without weather, and no other. Logs a deprecated task.
+    it is; its ``locked`` is false. In a sandbox the agent's own task is there, without weather, and no other. Warns of deprecated tasks.
 
     Raises ``UnknownNameError`` when there is no task of that id; names the nearest. Raises ``TaskError`` when the definition is invalid,
     when a published task was changed, or when a file uses a published id for another task.

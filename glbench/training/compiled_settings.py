@@ -60,9 +60,9 @@ class CompiledSettings(settings.FrozenSettings):
     n_epochs: int = Field(default=4, gt=0)
     batch_size: int = Field(default=512, gt=1)
     start_from: settings.PolicyFile | None = Field(default=None, exclude_if=lambda file: file is None)
-    """Policy file (``policy.npz``) whose actor and statistics the training begins with, relative to a settings file."""
+    """Policy file (``policy.npz``) whose actor and statistics the training begins with; in a settings file, relative to it."""
     critic_first: float = Field(default=0.0, ge=0, lt=1, exclude_if=lambda share: share == 0)
-    """Share of the training, at its start, in which only the critic learns, so that it does not spoil the policy of ``start_from``."""
+    """Share of the training, at its start, in which only the critic learns: untrained, it would spoil the policy of ``start_from``."""
     first_env_seed: settings.TrainingSeed = FIRST_TRAINING_SEED
     scenarios: int = Field(default=256, gt=0)
     """``first_env_seed`` and ``scenarios``: training scenarios have the seeds ``first_env_seed`` to ``first_env_seed + scenarios - 1``;

@@ -208,7 +208,7 @@ def shipped_settings(algorithm: str) -> Path:
 def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     """Settings for a task from a YAML file: ``default:``, overlaid with the entries under the task's id.
 
-    Keys that are not settings of the training itself are arguments of the algorithm's class. Raises ``TrainingError`` for a bad file.
+    Keys that are not settings of the training itself are arguments of the algorithm's class. Raises ``TrainingError`` for bad files.
     """
     merged = section(file, task_id)
     own = {key: value for key, value in merged.items() if key in OWN}

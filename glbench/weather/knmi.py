@@ -103,7 +103,7 @@ def record_from_knmi(
 ) -> record.WeatherRecord:
     """Checked record of one station of a table of ``parse_knmi``; the options are those of ``read_weather``.
 
-    Raises ``WeatherError``, with file, row and value, for an unknown station or several, a field that is no number, or a gap.
+    Raises ``WeatherError``, with file, row and value, for an unknown station or several, no number, gaps or impossible values.
     """
     columns = {}
     for title in (title for title in (*NEEDED_COLUMNS, "N") if title in table.titles):

@@ -269,7 +269,7 @@ class Rows:
 
 
 def check_place(place: Place, file: object, kind: type[GlbenchError] = WeatherError) -> None:
-    """Refuse coordinates that are nowhere, and a time zone that is none, with an error of ``kind`` that names ``file``."""
+    """Refuse impossible coordinates with an error of ``kind`` that names ``file``, and an unknown time zone with ``WeatherError``."""
     limits = (("latitude", place.latitude, 90.0, "deg"), ("longitude", place.longitude, 180.0, "deg"))
     for name, value, limit, unit in limits:
         if not abs(value) <= limit:

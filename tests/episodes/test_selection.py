@@ -68,4 +68,4 @@ def test_a_stored_result_without_its_record_is_evaluated_again(day_task, write_a
     damage(record)
     evaluate(day_task, agent, out=tmp_path)
     assert record.read_bytes() == content
-    assert "lacks its recorded actions" in caplog.text
+    assert "are missing or damaged" in caplog.text
