@@ -1500,11 +1500,11 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/energy-story.md": [
         (
-            "Their lead over the rules is not resolved: {} EUR/m² ({} to {}).",
+            "They lead the rules by {} EUR/m² ({} to {}); with the first",
             lambda: more_on_test("ppo_energy", "rule_based_energy", "SpringEnergy-v1"),
         ),
         (
-            "(`ppo_energy_tuned`): they earn {} EUR/m² ({} to {}) more than the rules.",
+            "(`ppo_energy_tuned`): these five earn {} EUR/m² ({} to {}) more than the rules.",
             lambda: more_on_test("ppo_energy_tuned", "rule_based_energy", "SpringEnergy-v1"),
         ),
         (
@@ -1522,8 +1522,9 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/study.md": [
         (
-            "its lead is not resolved ({}, {} to {}). A second recipe there, chosen on the validation split after this was known, "
-            "leads by {} ({} to {}).",
+            "In 60 days of spring it leads by {} ({} to {}). Be careful there: with the first three trainings that lead was not resolved, "
+            "two more were then added, and intervals do not account for such a second look. A second recipe, chosen on the validation "
+            "split after the first result was known, leads by {} ({} to {}).",
             lambda: tuple(
                 number
                 for agent in ("ppo_energy", "ppo_energy_tuned")

@@ -241,7 +241,8 @@ def test_the_energy_story_tells_what_the_released_results_hold() -> None:
         "revenue_harvest", "revenue_growth"
     )
     less = rules.by_hour("electricity", 150) - learned.by_hour("electricity", 150)
-    assert less[[*range(6, 12), *range(18, 23)]].min() > less[[*range(1, 6), *range(13, 17)]].max()
+    assert less[18:23].min() > less[:18].max()
+    assert np.abs(less[13:16]).max() < 0.001  # kWh m-2 an hour
     assert learned.mean("penalty") == pytest.approx(control.mean("penalty"), rel=0.05)
     assert all(max(rules.mean(name), control.mean(name), plan.mean(name)) < learned.mean(name) for name in ("heat", "co2_dosed"))
     assert (control.by_hour("electricity", 150) < rules.by_hour("electricity", 150)).all()
@@ -251,7 +252,7 @@ def test_the_energy_story_tells_what_the_released_results_hold() -> None:
     rules, learned, control, plan = of_task["glbench/SpringEnergy-v1"]
     assert learned.mean("fruit_gained") == pytest.approx(control.mean("fruit_gained"), rel=0.02)
     assert all(max(rules.mean(name), control.mean(name), plan.mean(name)) < learned.mean(name) for name in ("electricity_bought", "gas"))
-    assert (learned.by_hour("engine_hours", 60)[[*range(19, 24), *range(8)]] > 0.97).all()
+    assert (learned.by_hour("engine_hours", 60)[[*range(19, 24), *range(8)]] > 0.96).all()
     assert max(one.mean("co2_bought") for one in (control, plan)) < 0.5 * rules.mean("co2_bought")
     assert 3 * control.ratio("cost_power", "electricity_bought") < control.ratio("revenue_power", "electricity_sold")
     fruit, sales = ([one.mean(name) for one in (rules, control)] for name in ("revenue_growth", "revenue_power"))
@@ -267,7 +268,7 @@ def test_the_energy_story_tells_what_the_released_results_hold() -> None:
     assert emptied[1] - emptied[0] == emptied[2] - emptied[0] == 2
     assert emptied[3] == emptied[0]
     rules, learned, control, _ = of_task["glbench/FullSeason-v1"]
-    assert learned.mean("electricity") == pytest.approx(control.mean("electricity"), rel=0.03)
+    assert learned.mean("electricity") == pytest.approx(control.mean("electricity"), rel=0.05)
     assert learned.ratio("cost_electricity", "electricity") < 0.95 * control.ratio("cost_electricity", "electricity")
     assert all(control.mean(name) < learned.mean(name) for name in ("heat", "co2_dosed"))
     fruit, power = (
