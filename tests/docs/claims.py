@@ -2201,7 +2201,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("RFC 8785", "the name of a standard"),
     ],
     "docs/tasks.md": [
-        ("from 5.2 EUR/kg in January to 2.0 in July and rises to 2.8 in", "definition: tasks/drafts/fullseason-v2.toml"),
+        ("falls from 5.2 EUR/kg to 2.0 in July", "definition: tasks/drafts/fullseason-v2.toml"),
         ("the coming 6 hours", "definition: the tasks LettuceClassic"),
         ("drawn within 5 % before", "the task file, as lettuce-greenhouse-gym draws them"),
         ("paper, 6.5 % of fresh fruit", "definition: the factor of the ledgers of these tasks"),
