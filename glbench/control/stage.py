@@ -189,7 +189,7 @@ class AirAlong:
     values: Floats
     """``(..., 3)``."""
     gradient: Floats
-    """Derivative of each with respect to the states ``(..., 3, s)``. Relative humidity ends at 0 and 100 %; beyond, this is 0."""
+    """Derivative by the states ``(..., 3, s)``; it is 0 where a hygrometer would show less than 0 or more than 100 %."""
 
 
 def air_of(model: Model, states: ArrayLike) -> AirAlong:
