@@ -1304,6 +1304,20 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/lettuce.md": [
         (
+            "the rules with the sample earn {} EUR/m², three trainings of `ppo_harvest` {}, {} and {}, and the rules that cut after",
+            lambda: tuple(
+                score(name, "LettuceHarvest-v1") for name in ("rule_based_harvest", "ppo_harvest", "ppo_harvest_seed1", "ppo_harvest_seed2")
+            ),
+        ),
+        (
+            "46 days {}. So the policies earn {} ({} to {}) less than the first and {} ({} to {}) more than the second.",
+            lambda: (
+                score("rule_based_harvest_46", "LettuceHarvest-v1"),
+                *more_on_test("rule_based_harvest", "ppo_harvest", "LettuceHarvest-v1"),
+                *more_on_test("ppo_harvest", "rule_based_harvest_46", "LettuceHarvest-v1"),
+            ),
+        ),
+        (
             "| price relative to a head of 440 g | 0 | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
             lambda: tuple(PRICE_BY_MASS.values())[1:],
         ),
