@@ -130,7 +130,7 @@ def plan() -> list[Job]:
     fast = [Job("ppo_fast", task, seed) for task in (*OF_CONTROL, *map(_paper, SEEDED_LEVELS)) for seed in range(3)]
     memory = [Job("ppo_memory", task, seed) for task in OF_CONTROL for seed in range(3)]
     long = [Job("ppo_long", task, seed) for task in OF_CONTROL[:3] for seed in range(3)]
-    off_policy = [Job("sac_fast", task, 0) for task in OF_CONTROL] + [Job("sac_fast", "GreenhouseReal-v1", seed) for seed in range(3)]
+    off_policy = [Job("sac_fast", task, 0) for task in (*OF_CONTROL, "GreenhouseReal-v1")]
     greenhouse = [
         Job(recipe, task, seed)
         for task, trainings in GREENHOUSE_TASKS.items()
