@@ -17,7 +17,7 @@ from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
 from glbench.episodes import Recorder, chosen_rows, parse_selection, provenance_of
 from glbench.episodes.header import versions as recorded_versions
-from glbench.errors import EpisodeError, GlbenchError, ResultError, SandboxError, SubmissionError, refuse, whole_number
+from glbench.errors import EpisodeError, GlbenchError, ResultError, SandboxError, SubmissionError, TaskError, refuse, whole_number
 from glbench.evaluation import records, saving
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
 from glbench.evaluation.files import ensure_writable, load_result, result_path
@@ -63,7 +63,10 @@ def prepare(
 
     Arguments as for ``evaluate``; without a number of ``workers``, every usable core is one.
     """
-    task = (task if isinstance(task, TaskSpec) else get_task(task)).scored
+    task = task if isinstance(task, TaskSpec) else get_task(task)
+    if task.split == "preview":
+        refuse(f"{task.id} is in its preview, whose seasons are not scored. Evaluate the task as get_task gives it.", TaskError)
+    task = task.scored
     protected = agent if isinstance(agent, Protected) else protect(agent, sandbox)
     agent = protected.agent
     if task.sealed and protected.protection == "unsandboxed":
@@ -130,9 +133,8 @@ def evaluate(
     Parameters
     ----------
     task
-        A task, its id, or the path of a task file. One with splits is evaluated on its test split; in its validation split
-        (``task.in_split("validation")``) it makes a trial. One of a sealed round (``task.in_split("test", sealed=round.secret)``) is
-        evaluated with secret draws.
+        A task, its id or the path of its file. One with splits is evaluated on its test; in validation (``task.in_split("validation")``) it
+        makes a trial; one of a sealed round (``task.in_split("test", sealed=round.secret)``) has secret draws; a preview is refused.
     agent
         The path of a submission, the name of a baseline, an agent that was loaded already, or what ``protect`` made of one of them.
     runs, first_seed

@@ -10,7 +10,7 @@ import pytest
 
 from glbench.agents import Agent, load_agent
 from glbench.env import Simulation
-from glbench.errors import EpisodeError, GlbenchError, ResultError, SubmissionError
+from glbench.errors import EpisodeError, GlbenchError, ResultError, SubmissionError, TaskError
 from glbench.evaluation import Progress, Result, evaluate, load_result, prepare
 from glbench.evaluation.records import usable_cores
 from glbench.leaderboard.collect import own_and_released_results
@@ -38,6 +38,12 @@ def test_metrics_are_the_plain_sums_of_a_simulation(day_task: TaskSpec, write_ag
     assert result.values("heat") == tuple(heat)
     assert [run.seed for run in result.runs] == [666, 667, 668]
     assert all(run.status == "ok" and run.steps == 24 for run in result.runs)
+
+
+def test_seasons_of_a_preview_are_not_scored() -> None:
+    preview = get_task("Transfer-Miami-v1").in_split("preview")
+    with pytest.raises(TaskError, match="Transfer-Miami-v1 is in its preview, whose seasons are not scored"):
+        evaluate(preview, "rule_based_fair", runs=1)
 
 
 def test_epi_is_revenue_minus_costs(good_result: Result) -> None:
