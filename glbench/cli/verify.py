@@ -45,7 +45,7 @@ def verify(
 ) -> None:
     """Simulate every run again from task, seed and recorded actions, and compare it with what the result says.
 
-    Exit code 0: all are reproduced; 1: one is refuted; 2: one cannot be verified here; 3: one cannot be before its round is over.
+    Exit code 0: all are reproduced; 1: one is refuted; 2: one cannot be verified here; 3: one cannot yet, as its round is not over.
     """
     from glbench.resources import is_released
     from glbench.verification import save_proof

@@ -4,7 +4,7 @@ A plan is made twice. Relaxed, a machine may run at any load from 0 to 1. Then a
 times allow: sum-up rounding, which keeps the difference of the two sums small at every moment. With machines off and on as scheduled, their
 loads and all other controls are planned again.
 
-Where a machine runs, its load moves by at most ``max_change`` in a step, from and to ``lowest`` when it starts and stops.
+Where a machine runs, its load starts and stops at ``lowest``, and moves by at most ``max_change`` in a step.
 
 Source: Sager, Jung and Kirches (2011), Combinatorial integral approximation, Mathematical Methods of Operations Research 73, 363-380.
 """

@@ -62,7 +62,7 @@ class PredictiveController:
     moved inwards, by quantity, in its unit, for what is known roughly: ``{"relative_humidity": 1.0}`` plans for 84 % if the limit is 85 %.
 
     The derivatives of a step ahead are recomputed once in ``renew_every`` decisions, those of the coming steps in every decision. 1
-    recomputes all of them in every decision; more is faster. No plan gets worse: each candidate is simulated (``preset`` of kernel).
+    recomputes all of them in every decision; more is faster. No plan gets worse: each candidate is simulated (kernel ``preset``).
     """
 
     def __init__(

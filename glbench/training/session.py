@@ -98,8 +98,8 @@ class Session(ABC):
             state = self.folder / self.state if (self.folder / self.state).is_file() else None
             card = claim(self.folder, self.identity, state, start=policy, target=target, resume=resume)
             if card is not None:
-                if not (self.folder / card["settings"]).is_file():
-                    why = f"{self.folder} holds a finished training without its {card['settings']}. Remove the folder to train again."
+                if not (self.folder / (file := str(card.get("settings", "policy.npz")))).is_file():
+                    why = f"{self.folder} holds a finished training without its {file}. Remove the folder to train again."
                     raise TrainingError(why)
                 return Trained.of(self.folder, card, already_done=True)
             self.prepare()
