@@ -127,8 +127,9 @@ def plan() -> list[Job]:
     """Every training, in order."""
     paper = [Job(recipe, _paper(level), 0) for level in LEVELS for recipe in ("ppo", "sac")]
     seeds = [Job(recipe, _paper(level), seed) for seed in (1, 2) for level in SEEDED_LEVELS for recipe in ("ppo", "sac")]
-    fast = [Job("ppo_fast", task, seed) for task in (*OF_CONTROL, *map(_paper, SEEDED_LEVELS)) for seed in range(3)]
-    memory = [Job("ppo_memory", task, seed) for task in OF_CONTROL for seed in range(3)]
+    fast = [Job("ppo_fast", task, seed) for task in OF_CONTROL for seed in range(5)]
+    fast += [Job("ppo_fast", _paper(level), seed) for level in SEEDED_LEVELS for seed in range(3)]
+    memory = [Job("ppo_memory", task, seed) for task in OF_CONTROL for seed in range(5)]
     long = [Job("ppo_long", task, seed) for task in OF_CONTROL[:3] for seed in range(3)]
     off_policy = [Job("sac_fast", task, 0) for task in (*OF_CONTROL, "GreenhouseReal-v1")]
     greenhouse = [
@@ -140,8 +141,8 @@ def plan() -> list[Job]:
     energy = [Job("ppo_energy", task, seed) for task in OF_ENERGY for seed in range(5)]
     energy += [Job("ppo_energy_tuned", "SpringEnergy-v1", seed) for seed in range(5)]
     harvest = [Job("ppo_harvest", "LettuceHarvest-v1", seed) for seed in range(3)]
-    of_classic = (*IMITATIONS, "ppo_lettuce", "sac_lettuce", "td3_lettuce")
-    classic = [Job(recipe, "LettuceClassic-Delta05-v1", seed) for recipe in of_classic for seed in range(3)]
+    of_classic = {**dict.fromkeys((*IMITATIONS, "ppo_lettuce"), 5), "sac_lettuce": 3, "td3_lettuce": 3}
+    classic = [Job(recipe, "LettuceClassic-Delta05-v1", seed) for recipe, count in of_classic.items() for seed in range(count)]
     of_others = [*off_policy, *greenhouse, *energy, *harvest, *classic]
     return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *of_others]
 
