@@ -40,8 +40,7 @@ def worker(target: Callable[..., object], *arguments: Any, connections: Sequence
 
     Slow imports, such as PyTorch, happen after the process is tied to its parent: all arguments except ``connections`` are unpickled then.
     """
-    call = pickle.dumps((target, arguments))
-    return multiprocessing.get_context("spawn").Process(target=_call, args=(call, *connections))
+    return multiprocessing.get_context("spawn").Process(target=_call, args=(pickle.dumps((target, arguments)), *connections))
 
 
 def _call(call: bytes, *connections: Any) -> None:

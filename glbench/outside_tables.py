@@ -57,6 +57,7 @@ _MARKUP: Final = re.compile(r"\s*<(!doctype|html|\?xml|[a-z_:]+[ >])", re.IGNORE
 _SAMPLE_LINES = 40
 _EXCEL_DAY = r"[2-7]\d{4}(?:[.,]\d+)?"  # From 1954 to 2119
 _EXCEL_EPOCH = -2209161600  # 1899-12-30 in seconds since 1970
+_OFFSET = re.compile(r"(?:UTC|GMT|/)\s*([+-])\s*(\d\d?)(?:00)?(?![.,]?\d|:[1-9])", re.IGNORECASE)
 _INTERVAL = re.compile(r"[\d)Z]\s+[-\u2013]\s+\d")
 _OF_DAY = re.compile(r"\b(uur|tijd|hour|time|stunde|heure)", re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[ '\u00a0\u202f]\d{3})*|\d{1,3}(?:[.,]\d{3})+)?(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
@@ -476,6 +477,12 @@ def says_utc(text: str) -> bool:
     return re.search(r"(?<![A-Za-z])(UTC|GMT)(?![A-Za-z]|\s*[+-])", text, re.IGNORECASE) is not None
 
 
+def hours_ahead(text: str) -> int | None:
+    """Hours that a clock without summer time is ahead of UTC by its title, 1 for ``time (UTC+1)``; ``None`` where it names none or several."""
+    ahead = {int(sign + hours) for sign, hours in _OFFSET.findall("" if says_utc(text) else text)} & set(range(-12, 15))
+    return ahead.pop() if len(ahead) == 1 else None
+
+
 def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None = None) -> Stamps:
     """Moments in the column ``titles[0]``, or in a column of dates and one of times.
 
@@ -488,14 +495,12 @@ def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None
     columns = [table.texts(title) for title in titles]
     texts = columns[0] if len(columns) == 1 else [" ".join(parts) for parts in zip(*columns, strict=True)]
     name = titles[0]
-    length = None
     if all(map(_INTERVAL.search, texts)):
         parts = [re.split(r"\s+[-\u2013]\s+", text, maxsplit=1) for text in texts]
         starts = _parsed_stamps(table, [part[0] for part in parts], name, order)
         ends = _parsed_stamps(table, [part[1] for part in parts], name, starts.order)
         lengths = ends.seconds - starts.seconds
-        length = int(np.median(lengths))
-        return Stamps(starts.seconds, starts.zoned, length, starts.order)
+        return Stamps(starts.seconds, starts.zoned, int(np.median(lengths)), starts.order)
     stamps = _parsed_stamps(table, texts, name, order)
     if stamps.ends and len(columns) == 2 and ":" not in "".join(columns[1]):
         # the hours of a day are numbered from 1 to 24: number 1 begins at midnight

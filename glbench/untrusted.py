@@ -180,8 +180,7 @@ def quoted(value: object) -> str:
         text = repr(value)
     except (ValueError, RecursionError):  # an integer of thousands of digits, or lists nested without end
         return "a value that is too large to show"
-    text = text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 4]} ..."
-    return visible(text)
+    return visible(text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 4]} ...")
 
 
 def visible(text: str, keep: str = "") -> str:

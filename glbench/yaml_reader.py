@@ -40,8 +40,7 @@ def read_yaml(file: Path, what: str, error_type: type[GlbenchError]) -> dict[str
     text = ""
     cause: Exception
     try:
-        text = read_regular(file, _LARGEST_FILE).decode("utf-8-sig")
-        return _content(text)
+        return _content(read_regular(file, _LARGEST_FILE).decode("utf-8-sig"))
     except OSError as error:
         where, reason, cause = "", f"{error.strerror or error}. Check the path.", error
     except UnicodeDecodeError as error:

@@ -257,8 +257,7 @@ def load_agent(ref: str | Path) -> LoadedAgent:
             from glbench.agents.saved_policies import onnx_agent, torchscript_agent
             from glbench.agents.sb3 import sb3_agent
 
-            makers = {"sb3": sb3_agent, "torchscript": torchscript_agent, "onnx": onnx_agent}
-            return makers[submission.form](submission, task)
+            return {"sb3": sb3_agent, "torchscript": torchscript_agent, "onnx": onnx_agent}[submission.form](submission, task)
 
     return LoadedAgent(
         submission.name, "submission", submission.digest, "observations", identity.OBSERVATIONS_ONLY, make, submission, submission.training

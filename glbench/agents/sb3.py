@@ -309,7 +309,6 @@ def _recurrent(policy: Any, columns: int) -> Any:
         before = rows[:, columns:].reshape(n, 2, layers, width).transpose(1, 2, 0, 3)
         state = (np.ascontiguousarray(before[0]), np.ascontiguousarray(before[1]))
         actions, after = policy.predict(rows[:, :columns], state=state, episode_start=np.zeros(n, dtype=bool), deterministic=True)
-        columns_after = np.stack(after).transpose(2, 0, 1, 3).reshape(n, -1)
-        return np.concatenate([actions, columns_after], axis=1)
+        return np.concatenate([actions, np.stack(after).transpose(2, 0, 1, 3).reshape(n, -1)], axis=1)
 
     return function

@@ -97,8 +97,7 @@ def _complete(out: Path, workers: int) -> None:
 
 def _names(paths: Sequence[Path]) -> str:
     names = [visible(f"{path.parent.name}/{path.name.removesuffix('.json')}") for path in paths]
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(names[:_MOST_NAMES]) + more
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else "")
 
 
 def _open(page: Path) -> None:

@@ -162,8 +162,7 @@ class GreenhouseVectorEnv(spaces.WithHorizon, VectorEnv[Observations, Actions, N
                 observations = self._start(np.arange(self.num_envs))
                 self._result = None
                 terminated = np.zeros(self.num_envs, dtype=np.bool_)
-                info = self._reset_info(~terminated)
-                return self._normalise(observations), np.zeros(self.num_envs), terminated, terminated.copy(), info
+                return self._normalise(observations), np.zeros(self.num_envs), terminated, terminated.copy(), self._reset_info(~terminated)
         result = self._result = self.simulation.step(actions)
         if self._camera is not None:
             self._camera.follow(result, np.flatnonzero(~over).tolist())

@@ -148,8 +148,7 @@ def read_log(path: Path | str) -> ActionLog:
         for name in (PROVENANCE, _RUNS):
             refuse_crowd(content.attachments[name])
         provenance = Provenance.model_validate_json(content.attachments[PROVENANCE])
-        runs = RunTable.model_validate_json(content.attachments[_RUNS]).runs
-        return _log(content, provenance, runs, words["actions_as"])
+        return _log(content, provenance, RunTable.model_validate_json(content.attachments[_RUNS]).runs, words["actions_as"])
     except TaskError as error:
         refuse(f"{path} is of a task that cannot be made here. {visible(str(error))}", EpisodeError, error)
     except (KeyError, ValueError, IndexError, OverflowError, struct.error, DecodeError, ValidationError) as error:

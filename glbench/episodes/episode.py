@@ -95,8 +95,7 @@ class Episode:
 
         Raises ``EpisodeError`` when the record has no clock.
         """
-        hours = np.concatenate([[self._start_value(CLOCK[0])], self[CLOCK[0]]])
-        return local_times(self.times, hours)
+        return local_times(self.times, np.concatenate([[self._start_value(CLOCK[0])], self[CLOCK[0]]]))
 
     def _start_value(self, name: str) -> float:
         for group in self.groups:

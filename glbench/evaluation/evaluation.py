@@ -311,8 +311,7 @@ class Evaluation:
         ``GlbenchError`` when another process works on the same result.
         """
         with self.result_lock():
-            computed = self.compute(progress, callback)
-            return self.save(computed)
+            return self.save(self.compute(progress, callback))
 
     def compute(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> Computed:
         """Run it, from its checkpoint if there is one, and save nothing but checkpoints. Errors as for ``run``."""

@@ -461,5 +461,4 @@ def _take_part(executor: Executor, one: _RunningJob, future: Future, report: Rep
     if len(one.computed) < len(one.parts):
         return None
     whole = join_parts(one.evaluation, [one.computed[part] for part in range(len(one.parts))])
-    result = one.evaluation.save(whole)
-    return Outcome(one.job, result, None, time.monotonic() - one.start, printed=whole.printed)
+    return Outcome(one.job, one.evaluation.save(whole), None, time.monotonic() - one.start, printed=whole.printed)

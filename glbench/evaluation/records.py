@@ -226,8 +226,7 @@ class FreshDraws(Record):
 
     def computed_digest(self, results_digest: str) -> str:
         """The correct ``digest`` in a result with this ``results_digest``."""
-        content = {"result": results_digest, **self.model_dump(mode="json", exclude={"record", "digest"})}
-        return canonical_sha256(content)
+        return canonical_sha256({"result": results_digest, **self.model_dump(mode="json", exclude={"record", "digest"})})
 
 
 class Result(Sparse):

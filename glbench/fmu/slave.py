@@ -306,8 +306,7 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
     def _get_fmu_state(self) -> dict[str, Any]:
         """All that the rest of the season depends on, as values that JSON can hold."""
         snapshot = b"" if self._simulation is None else self._simulation.snapshot().to_bytes()
-        saved = {name: copy(getattr(self, name)) for name in _SAVED}
-        return {**saved, "snapshot": base64.b64encode(snapshot).decode("ascii")}
+        return {**{name: copy(getattr(self, name)) for name in _SAVED}, "snapshot": base64.b64encode(snapshot).decode("ascii")}
 
     def _set_fmu_state(self, state: dict[str, Any]) -> None:
         """Continue from what ``_get_fmu_state`` gave, with the same bits."""

@@ -153,8 +153,7 @@ class Charts:
 
 def catalogue(*tasks: TaskSpec | None) -> Catalogue:
     """The catalogue of some tasks together; ``None``, or none at all, means a task that is not known: it is taken for the default one."""
-    catalogues = [_of_task(task or published_task(PAPER_TASK)) for task in dict.fromkeys(tasks or (None,))]
-    return together(catalogues)
+    return together([_of_task(task or published_task(PAPER_TASK)) for task in dict.fromkeys(tasks or (None,))])
 
 
 def catalogue_of(task: TaskSpec | None, units: Mapping[str, str]) -> Catalogue:

@@ -20,7 +20,6 @@ from glbench.weather import preprocessing
 from glbench.weather.column_map import JOULES, UNITS, split_title, unit_among
 from glbench.weather.record import FloatArray, IntArray, time_zone
 
-_OFFSET = re.compile(r"(?:UTC|GMT|/)\s*([+-])\s*(\d\d?)(?:00)?(?![.,]?\d|:[1-9])", re.IGNORECASE)
 SHORTEST, LONGEST = 60, 900  # Steps that are read [s]
 FIVE_MINUTES = 300
 EXPORT, EXPORT_WEATHER = "indoor.csv", "weather.csv"  # Files of an export; the first may have all columns
@@ -101,10 +100,9 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
     table, stamps = outside.oldest_first(table, outside.read_stamps(table, time))
     step = outside.step_of(stamps.seconds)
     is_utc = stamps.zoned or outside.says_utc(" ".join(time))
-    ahead = [] if is_utc else sorted({int(sign + hours) for sign, hours in _OFFSET.findall(" ".join(time))})
-    if len(ahead) == 1:  # a title that names two is of a clock with summer time
-        clock = f"Etc/GMT{-ahead[0]:+d}"
-        table = replace(table, notes=(*table.notes, f"times are read as UTC{ahead[0]:+d} all year, as their title says"))
+    if not is_utc and (ahead := outside.hours_ahead(" ".join(time))) is not None:
+        clock = f"Etc/GMT{-ahead:+d}"
+        table = replace(table, notes=(*table.notes, f"times are read as UTC{ahead:+d} all year, as their title says"))
     seconds = stamps.seconds if is_utc else outside.utc_of_local(table, stamps.seconds, time_zone(clock), time[0])
     if not SHORTEST <= step <= LONGEST:
         what = f"its step is {step / 60:g} min" if seconds.size > 1 else "it has one row"
@@ -113,6 +111,12 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
     if late.size:
         problem = f"'{' '.join(table.rows[late[0] + 1][table.titles.index(one)] for one in time)}' is not later than the row above. "
         table.refuse(problem + "Sort the rows by time, and take out those that are there twice.", int(late[0]) + 1, time[0])
+    apart = np.diff(seconds)
+    others = np.flatnonzero((np.abs(apart - step) > step / 2) & (apart <= LONGEST))
+    if others.size > seconds.size // 20:
+        problem = f"{others.size:,} of {seconds.size:,} rows are not {step / 60:g} min from the next, the first in line "
+        problem += f"{table.lines[others[0]]}; sums are wrong there, and gaps count as missing. Export one step throughout"
+        table = replace(table, notes=(*table.notes, problem))
     columns: dict[str, FloatArray] = {}
     unread = []
     for title in (title for title in table.titles if title not in time):

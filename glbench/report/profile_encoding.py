@@ -92,8 +92,7 @@ def profile_blocks(
         }
         for one in outside.values()
     )
-    weather = blocks.add("weather", embedded)
-    return profiles, dict(zip(outside, weather, strict=True))
+    return profiles, dict(zip(outside, blocks.add("weather", embedded), strict=True))
 
 
 def embedded_profile(profile: Profile, task: TaskSpec | None, named: TaskRecord) -> dict[str, Any]:

@@ -136,8 +136,7 @@ def unreadable(error: RequestValidationError) -> RequestError:
     entry = fields.get(place[-1]) if place else None
     advice = "GET /v1/openapi.json lists the fields of every request, and the page at / has examples."
     if problem["type"] == "extra_forbidden":
-        what = f"There is no field {quoted(field)} here.{did_you_mean(field, fields)}"
-        return RequestError(422, what, advice, field, value)
+        return RequestError(422, f"There is no field {quoted(field)} here.{did_you_mean(field, fields)}", advice, field, value)
     if entry is not None:
         return RequestError(422, f"{field} has an impossible value.", f"Give {entry.description}.", field, value)
     return RequestError(422, "The request needs a JSON object.", advice, "body", value)

@@ -170,6 +170,8 @@ def _clock_of(table: outside.TextTable, time: str, clock: object) -> tuple[ZoneI
             return None, ""
         if re.search(r"\b(CET|MEZ|CEST|MESZ)\b", titles):
             return ZoneInfo(EXCHANGE_CLOCK), f"times read on the clock of {EXCHANGE_CLOCK}, as the titles say CET"
+        if (ahead := outside.hours_ahead(titles)) is not None:
+            return ZoneInfo(f"Etc/GMT{-ahead:+d}"), f"times read as UTC{ahead:+d} all year, as the titles say"
     return None, ""
 
 

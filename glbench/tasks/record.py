@@ -264,8 +264,7 @@ class TaskRecord:
 
     def model_copy(self, update: Mapping[str, Any]) -> Self:
         """A copy with other tables, which are not checked; it can be run, but not recorded. ``replace`` checks."""
-        file = self.file.with_tables(update)
-        return type(self)(file, self.source, self.base, self.changes, self.split, self.sealed)
+        return type(self)(self.file.with_tables(update), self.source, self.base, self.changes, self.split, self.sealed)
 
     def as_tables(self) -> dict[str, Any]:
         """The tables of the task in the form of its file, dates as text: the input of ``from_tables``.

@@ -133,8 +133,7 @@ def rollout_steps(settings: TrainingSettings, season: int) -> int:
     parameters = inspect.signature(kind.__init__).parameters
 
     def argument(name: str) -> Any:
-        default = parameters[name].default if name in parameters else 1
-        return settings.hyperparameters.get(name, default)
+        return settings.hyperparameters.get(name, parameters[name].default if name in parameters else 1)
 
     if issubclass(kind, OnPolicyAlgorithm):
         return int(argument("n_steps")) * settings.n_envs

@@ -65,8 +65,7 @@ class RuleSearchSettings(FrozenSettings):
 
     def digest(self, start: tuned_rules.RulePage) -> str:
         """SHA-256 (hex) over all settings except the number of runs, and over the page that the search starts from."""
-        content = self.model_dump_json(exclude={"seasons"}) + tuned_rules.settings_text(start)
-        return sha256(content.encode()).hexdigest()
+        return sha256((self.model_dump_json(exclude={"seasons"}) + tuned_rules.settings_text(start)).encode()).hexdigest()
 
 
 def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
@@ -148,8 +147,7 @@ class _TaskRuns:
 
     def rewards(self, candidates: Sequence[tuned_rules.TunedRuleSettings], seed: int) -> Floats:
         """Reward of a season for every candidate."""
-        seeds = [seed] * len(candidates)
-        return periodic_evaluation.season_sums(self._simulation, seeds, self._act(candidates))["reward"]
+        return periodic_evaluation.season_sums(self._simulation, [seed] * len(candidates), self._act(candidates))["reward"]
 
     def evaluate(self, numbers: tuned_rules.TunedRuleSettings) -> periodic_evaluation.ProbeResult:
         """Mean sums over the runs that select the best."""

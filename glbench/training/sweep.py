@@ -176,8 +176,7 @@ Report = Callable[[TrialReport], None]
 
 def base_settings(search: Search) -> TrainingSettings:
     """The settings that a search starts from."""
-    file = search.config or shipped_settings(search.algorithm)
-    return read_settings(file, search.algorithm, get_task(search.task).id)
+    return read_settings(search.config or shipped_settings(search.algorithm), search.algorithm, get_task(search.task).id)
 
 
 def sweep(search: Search, folder: Path, *, executor: Executor | None = None, report: Report | None = None) -> list[TrialReport]:
@@ -302,8 +301,7 @@ def open_study(search: Search, folder: Path) -> optuna.Study:
 def _sampler(search: Search, trial: int) -> optuna.samplers.BaseSampler:
     seed = int(np.random.SeedSequence([search.seed, trial]).generate_state(1)[0])
     if search.method == "grid":
-        grid = {name: list(p.values or (p.first,)) for name, p in search.parameters.items()}
-        return _GridSampler(grid, seed=search.seed)
+        return _GridSampler({name: list(p.values or (p.first,)) for name, p in search.parameters.items()}, seed=search.seed)
     return optuna.samplers.RandomSampler(seed=seed) if search.method == "random" else optuna.samplers.TPESampler(seed=seed)
 
 

@@ -143,8 +143,7 @@ def coverage(result: Result, *, profile: bool, references: bool = False) -> tupl
     reproduced = (*_ALWAYS, *(ENDS if ends else ()), *((PROFILE,) if profile else ()))
     reproduced += (REFERENCES,) if references else ()
     absent = (*reproduced, *((REFERENCES, SALT) if fresh is None else ()))
-    claims = tuple(field for fields in _CLAIMS.values() for field in fields if field not in absent)
-    return reproduced, claims
+    return reproduced, tuple(field for fields in _CLAIMS.values() for field in fields if field not in absent)
 
 
 def stated_words(fields: Collection[str]) -> Sequence[str]:
@@ -194,8 +193,7 @@ class Agreement:
                 return None
             step, column = (int(index) for index in np.argwhere(which)[0])
             place = f"step {step + 1}, {words[column]}" if len(recorded) > 1 else words[column]
-            text = f"{where}, {place}: recorded {recorded[step, column]!s}, found {simulated[step, column]!s}"
-            return Difference(cause, text)
+            return Difference(cause, f"{where}, {place}: recorded {recorded[step, column]!s}, found {simulated[step, column]!s}")
 
         return Agreement(max(self.largest, float(apart.max())), self.first or first(differs), self.first_large or first(apart > TOLERANCE))
 

@@ -368,11 +368,12 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
             f"no column looks like {lacking}. Its columns are: {visible(', '.join(table.titles)[:600])}. "
             "Export these quantities, or write the map by hand (docs/weather.md)."
         )
-    stamps = outside.read_stamps(table, time)
+    stamps, ahead = outside.read_stamps(table, time), outside.hours_ahead(" ".join(time))
+    clock = "Europe/Amsterdam" if ahead is None else f"Etc/GMT{-ahead:+d}"
     columns = ColumnMap(
         time=time,
         stamps="end" if stamps.ends else "start",
-        clock="UTC" if stamps.zoned or outside.says_utc(" ".join(time)) else "Europe/Amsterdam",
+        clock="UTC" if stamps.zoned or outside.says_utc(" ".join(time)) else clock,
         dates=stamps.order,
         decimal=cast(Any, table.decimal),
         columns={name: entries[name] for name in UNITS if name in entries},

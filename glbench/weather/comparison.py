@@ -123,8 +123,7 @@ def resemblance(
 
 
 def _names(generator: SeasonGenerator) -> tuple[str, ...]:
-    sky = next(name for name in SKY if name in generator.record.counts)
-    return (*MATCHED, "global_radiation", sky)
+    return (*MATCHED, "global_radiation", next(name for name in SKY if name in generator.record.counts))
 
 
 def generated_seasons(generator: SeasonGenerator, start: dt.date, within_days: int, days: int, seasons: int, seed: int) -> Seasons:

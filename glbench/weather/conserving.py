@@ -122,8 +122,7 @@ def prepare(record: WeatherRecord, window: preprocessing.Window) -> preprocessin
     zone = time_zone(record.timezone)
 
     def midnight(number: int) -> int:
-        date = dt.date(1970, 1, 1) + dt.timedelta(days=number)
-        return int(dt.datetime.combine(date, dt.time(), tzinfo=zone).timestamp())
+        return int(dt.datetime.combine(dt.date(1970, 1, 1) + dt.timedelta(days=number), dt.time(), tzinfo=zone).timestamp())
 
     # The local calendar days of the window: begin and end of each (seconds since 1970-01-01 UTC), and each step's day.
     local_day = (window.times + preprocessing.utc_offsets(window.times, record.timezone)) // DAY_SECONDS

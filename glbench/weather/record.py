@@ -227,8 +227,7 @@ class WeatherRecord(Origin):
 
     def values(self, name: str, first_slot: int = 0, last_slot: int | None = None) -> FloatArray:
         """Column ``name`` in its unit, shape (slots,); one correctly rounded division, the same on every machine."""
-        counts = self.counts[name][first_slot:last_slot]
-        return counts.astype(np.float64) / QUANTITIES[name].counts_per_unit
+        return self.counts[name][first_slot:last_slot].astype(np.float64) / QUANTITIES[name].counts_per_unit
 
     @property
     def frame(self) -> pd.DataFrame:

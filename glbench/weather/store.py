@@ -286,5 +286,4 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _damaged(path: Path, evidence: str) -> WeatherError:
-    msg = f"{path} is not a usable weather record: {evidence}. Delete it and make, import or fetch it again."
-    return WeatherError(msg)
+    return WeatherError(f"{path} is not a usable weather record: {evidence}. Delete it and make, import or fetch it again.")

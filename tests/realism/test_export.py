@@ -134,6 +134,19 @@ def test_an_offset_in_the_title_holds_all_year(tmp_path: Path, title: str, begin
     assert any("all year, as their title says" in note for note in export.notes) == (begin == "23:00" or title == "time (UTC+2)")
 
 
+def test_an_export_whose_step_changes_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "weather.csv"
+    rows = [
+        *(f"2020-07-01 {i // 12:02d}:{i % 12 * 5:02d},{i}" for i in range(24)),
+        *(f"2020-07-01 02:{i:02d},{i}" for i in (0, 15, 30, 45)),
+    ]
+    path.write_text("\n".join(["time,outdoor_temperature [degC]", *rows]))
+    (note,) = read_export(path, WEATHER_UNITS, "Europe/Amsterdam").notes
+    assert "3 of 28 rows are not 5 min from the next, the first in line 26; sums are wrong there" in note
+    path.write_text("\n".join(["time,outdoor_temperature [degC]", *rows[:12], *rows[14:24]]))
+    assert read_export(path, WEATHER_UNITS, "Europe/Amsterdam").notes == ()
+
+
 def test_an_unknown_clock_is_refused(tmp_path: Path) -> None:
     folder = own_export(Made(), tmp_path)
     with pytest.raises(GlbenchError, match="'Europe/Amsterdm' is no time zone of the IANA database"):

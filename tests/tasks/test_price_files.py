@@ -75,6 +75,9 @@ def test_the_title_of_the_times_counts_before_what_stands_above(tmp_path: Path, 
     rows = "".join(f"01.06.2010 {hour:02d}:00;{hour}.5\n" for hour in range(24))
     assert utc(prices_of(tmp_path, f"{above}MTU (CET/CEST);Day-ahead Price [EUR/MWh]\n{rows}"))[0] == "05-31 22:00"
     assert utc(prices_of(tmp_path, f"# on CET\n{above}MTU (UTC);Day-ahead Price [EUR/MWh]\n{rows}"))[0] == "06-01 00:00"
+    in_winter_time = prices_of(tmp_path, f"{above}MTU (UTC+1);Day-ahead Price [EUR/MWh]\n{rows}")
+    assert (utc(in_winter_time)[0], in_winter_time.doubts) == ("05-31 23:00", ())
+    assert "times read as UTC+1 all year, as the titles say" in in_winter_time.notes
     (doubt,) = prices_of(tmp_path, f"{above}MTU;Day-ahead Price [EUR/MWh]\n{rows}").doubts
     assert "its times have no offset" in doubt
 

@@ -55,6 +55,16 @@ def test_an_export_comes_in_through_its_map(tmp_path: Path, encoding: str) -> No
         read_weather(path, columns=columns, year=2015)
 
 
+@pytest.mark.parametrize(
+    ("title", "clock"),
+    [("Zeit (UTC)", "UTC"), ("Zeit (UTC+1)", "Etc/GMT-1"), ("Zeit (UTC-5)", "Etc/GMT+5"), ("Zeit (UTC+1/+2)", "Europe/Amsterdam")],
+)
+def test_a_title_may_name_the_clock(tmp_path: Path, title: str, clock: str) -> None:
+    rows = [f"2024-02-13 {i // 2:02d}:{30 * (i % 2):02d};3.0;80;2;0" for i in range(48)]
+    path = export(tmp_path, f"{title};Temperature out [degC];Humidity out [%];Wind speed [m/s];Radiation [W/m2]", rows)
+    assert guess_column_map(path)[0].clock == clock
+
+
 def test_the_clock_goes_back_and_forward(tmp_path: Path) -> None:
     columns = tmp_path / "map.toml"
     columns.write_text(MAP)

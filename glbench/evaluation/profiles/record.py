@@ -262,5 +262,4 @@ def hours(steps: int, step_seconds: float) -> int:
 
 def _hour_starts(steps: int, step_seconds: float) -> NDArray[np.intp]:
     """First step of each hour that a step begins in."""
-    hours = np.floor_divide(np.arange(steps) * step_seconds, 3600.0)
-    return np.flatnonzero(np.diff(hours, prepend=-1.0))
+    return np.flatnonzero(np.diff(np.floor_divide(np.arange(steps) * step_seconds, 3600.0), prepend=-1.0))
