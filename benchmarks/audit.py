@@ -9,7 +9,7 @@ The exit code is 0 if the result agrees, 1 if it differs (in which run, step and
 **Written again here**, from the documentation: digests of results and records, inheritance of task files, Philox and all draws, weather and
 seasons, the start, actuation, the meters of violations, the integration, ledger, reward, sums and means.
 
-**Other libraries**: mcap unpacks the record, pyarrow reads the weather, pvlib places the sun. docs/verification.md has the tolerances.
+**Other libraries**: mcap unpacks the record, pyarrow reads the weather. docs/verification.md has the tolerances.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import re
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from functools import partial, reduce
 from pathlib import Path
@@ -35,17 +35,13 @@ import numpy as np
 import pyarrow.parquet
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from numpy.typing import NDArray
-from pvlib import spa
 from scipy.integrate import ode
 
+from benchmarks.audit_weather import CO2, Array, Generator, Hourly, conserving, paper, saturation
 from glbench.model import get_model
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Table = dict[str, Any]
 Run = tuple[Table, Array, Array, Array]  # how it ended, actions, rewards, final state
-Hourly = tuple[int, Array, tuple[float, float, float], ZoneInfo]  # begin [s since 1970], whole numbers (hours, 5), place, clock
 
 ROOT, DIFFERS, CANNOT = Path(__file__).resolve().parents[1], 1, 2
 AIR = ("air_temperature", "co2", "relative_humidity")  # degC, ppm, %
@@ -56,11 +52,6 @@ AT_END, MEAN = (1e-4, 1e-3, 1e-4), (2e-3, 2e-2, 2e-3)  # violations, by the same
 MONEY, SUMS = 1e-8, 1e-7  # profit of a step [EUR m-2]; sums over a run, relative to 1 or more
 IN_ALL, HOURS = 10.0, 0.01  # rewards and penalties of a run, in those of a step; share of hours outside limits, besides 1 h
 
-COUNTS = np.array([1000.0, 1000.0, 1000.0, 3600.0, 1000.0])  # of degC, % of humidity, m s-1 of wind, W m-2 of sun, octants of cloud
-LIMITS = np.array([[-60.0, 0.0, 0.0, 0.0, 0.0], [60.0, 100.0, 75.0, 1500.0, 8.0]]) * COUNTS
-CO2 = 101325.0 * 44.01e-3 / 8.3144598  # mg K m-3 of 1 ppm
-WINDOW, NEAREST, NEIGHBOURS, REST, SHORTEST, LONGEST = 12, 5, 10, 10, 4, 10  # of the blocks that seasons are made of
-
 
 class VerdictError(Exception):
     """Why an audit ends before all was found to agree: exit code and words."""
@@ -68,6 +59,17 @@ class VerdictError(Exception):
 
 def end(code: int, words: str) -> NoReturn:
     raise VerdictError(code, words)
+
+
+def read_json(text: str | bytes) -> Any:
+    """JSON without keys that come twice, of which other readers may take the other one."""
+
+    def table(pairs: list[tuple[str, Any]]) -> Table:
+        if twice := [key for key, count in Counter(key for key, _ in pairs).items() if count > 1]:
+            end(DIFFERS, f"the key '{twice[0]}' is there twice in one table")
+        return dict(pairs)
+
+    return json.loads(text, object_pairs_hook=table)
 
 
 def canonical(value: Any) -> str:
@@ -85,25 +87,31 @@ def canonical(value: Any) -> str:
     return re.sub(r"e([+-])0*", r"e\1", text)
 
 
-def read_record(path: Path) -> tuple[Table, list[Run], str]:
-    """Provenance and runs of a record of actions, and the digest of its content (docs/episodes.md)."""
+def read_record(path: Path) -> tuple[Table, Table, list[Run], str]:
+    """Provenance, task and runs of a record of actions, and the digest of its content (docs/episodes.md)."""
+    if not path.is_file():
+        end(CANNOT, f"there is no record {path} beside the result: evaluate again")
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         texts = {one.name: one.data for one in reader.iter_attachments()}
         parts = [(channel.topic, part) for _, channel, _, part in reader.iter_decoded_messages(log_time_order=False)]
-    provenance, sha, runs = json.loads(texts["provenance.json"]), hashlib.sha256(), []
+    provenance, sha, runs = read_json(texts["provenance.json"]), hashlib.sha256(), []
     kind = np.dtype("<f8" if (field := parts[0][1].DESCRIPTOR.fields_by_name["actions"]).type == field.TYPE_DOUBLE else "<f4")
     for text in (texts["provenance.json"], texts["runs.json"], texts["task.json"]):
         sha.update(len(text).to_bytes(8, "little") + text)
     sha.update(kind.name.encode())
-    for run in json.loads(texts["runs.json"])["runs"]:
+    for run in read_json(texts["runs.json"])["runs"]:
         own = sorted((part for topic, part in parts if topic == f"/runs/{run['seed']}"), key=lambda part: int(part.first_step))
         actions = np.concatenate([np.array(part.actions, kind).reshape(len(provenance["agent"]["columns"]), -1).T for part in own])
         rewards, final = np.concatenate([np.array(part.rewards, "<f8") for part in own]), np.array(own[-1].final_state, "<f8")
         for array in (actions, rewards, final):
             sha.update(np.ascontiguousarray(array).tobytes())
+        begins, counts = np.cumsum([0, *(len(part.rewards) for part in own)]).tolist(), [run["steps"], run["actions"]]
+        if [int(part.first_step) - 1 for part in own] != begins[:-1] or [len(rewards), len(actions)] != counts:
+            holds = f"{len(rewards)} rewards and {len(actions)} actions in parts that begin at {begins[:-1]}"
+            end(DIFFERS, f"run {run['seed']} has {counts[0]} steps and {counts[1]} actions, it says, and the record holds {holds}")
         runs.append((run, actions.astype(np.float64), rewards, final))
-    return provenance, runs, sha.hexdigest()
+    return provenance, read_json(texts["task.json"]), runs, sha.hexdigest()
 
 
 def task_tables(name: str, folder: Path) -> Table:
@@ -159,174 +167,6 @@ def read_weather(source: str) -> Hourly:
     return int(entry["first"].timestamp()), counts, (entry["latitude"], entry["longitude"], entry["altitude"]), ZoneInfo(entry["timezone"])
 
 
-def saturation(t: Any, exp: Any = np.exp) -> Any:
-    return 610.78 * exp(17.2694 * t / (t + 238.3))
-
-
-def sky_temperature(t: Array, cloud: Array) -> Array:
-    clear = (213.0 + 5.5 * t) / (5.67e-8 * (t + 273.15) ** 4)
-    return np.asarray(((1.0 - 0.84 * cloud) * clear + 0.84 * cloud) ** 0.25 * (t + 273.15) - 273.15)
-
-
-def soil_temperature(times: Any) -> Array:
-    years = np.floor(times).astype("datetime64[s]").astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
-    return np.asarray(10.0 + 5.0 * np.sin(2.0 * np.pi * ((times - years) / (365.0 * 86400.0) + 0.625)))
-
-
-def conserving(hourly: Hourly, start: int, steps: int, step: int, ppm: Any) -> Array:
-    """Disturbances `(steps, 10)` of that preprocessing: means over the steps, by way of cells of 5 minutes."""
-    begin, counts, site, zone = hourly
-    # Hours from two days before to two days after the steps, so that all their days are whole, and one more on either side.
-    first, last = max((start - begin) // 3600 - 48, 1), min(-(-(start + steps * step - begin) // 3600) + 48, len(counts) - 1)
-    t, humidity, wind, radiation, cloud = (counts / COUNTS)[first - 1 : last + 1].T
-    begin, within = begin + first * 3600, (np.arange(12) + 0.5) / 12.0
-    middles = begin - 3600 + 300.0 * (np.arange(len(t) * 12) + 0.5)
-    sine = np.sin(np.radians(spa.solar_position_numpy(middles, *site, 1013.25, 12.0, 67.0, 0.5667, 1)[3])).reshape(-1, 12)
-
-    def spread(weights: Array) -> Array:
-        sums = weights.sum(axis=1, keepdims=True)
-        return np.where(sums > 0.0, weights, 1.0) / np.where(sums > 0.0, sums, 12.0)
-
-    def means(cells: Array) -> Array:
-        return np.asarray(cells.ravel()[chosen].reshape(steps, -1).mean(axis=1))
-
-    def lines(ends: Array) -> Array:
-        return means(ends[:-2, None] + (ends[1:-1] - ends[:-2])[:, None] * within)
-
-    sun = np.maximum(sine, 0.0)
-    lit, most = sun.mean(axis=1) > 0.0, 1361.0 * sun.mean(axis=1)
-    kappa = 1361.0 * np.minimum(radiation / np.where(lit, most, 1.0), 1.0)
-    own, before, after = (np.where(lit[k : k - 2 or None], kappa[k : k - 2 or None], kappa[1:-1])[:, None] for k in (1, 0, 2))
-    kappa = own + (before - own) * np.maximum(0.5 - within, 0.0) + (after - own) * np.maximum(within - 0.5, 0.0)
-    beam = np.minimum(radiation, most)[1:-1, None] * spread(kappa * sun[1:-1])
-    twilight = np.maximum(radiation - most, 0.0)[1:-1, None] * spread(np.maximum(sine[1:-1] + math.sin(math.radians(6.0)), 0.0))
-    received = 3600.0 * (beam + twilight).ravel()  # J m-2 in a cell
-    is_day = np.convolve(sine.ravel() > 0.0, np.r_[0.5, np.ones(11), 0.5] / 12.0, "same")[12:-12]
-    moments, place = np.unique((begin + 300 * np.arange(len(received))) // 900, return_inverse=True)  # clocks change at quarters
-    days = np.array([dt.datetime.fromtimestamp(900 * int(one), zone).toordinal() for one in moments])[place]
-    chosen = slice((start - begin) // 300, (start + steps * step - begin) // 300)
-    sums = (np.bincount(days - days[0], received) * 1e-6)[days[chosen][:: step // 300] - days[0]]
-    mean_t, vapour, blown = lines(t), lines(humidity / 100.0 * saturation(t)), means(np.repeat(wind[1:-1], 12))
-    sky, soil = sky_temperature(mean_t, lines(np.minimum(cloud, 8.0)) / 8.0), soil_temperature(start + step * (np.arange(steps) + 0.5))
-    flags = [means(is_day), means(np.where((is_day > 0.0) & (is_day < 1.0), 1.0 / (1.0 + np.exp(5.0 - 10.0 * is_day)), is_day))]
-    return np.column_stack([means(received) / 300.0, mean_t, vapour, ppm * CO2 / (mean_t + 273.15), blown, sky, soil, sums, *flags])
-
-
-def paper(hourly: Hourly, start: int, steps: int, step: int, ppm: Any) -> Array:
-    """The same of the preprocessing `paper`: values at the starts of the steps, on a grid of 5 minutes."""
-    begin, counts, *_ = hourly
-    first, last = (start - begin) // 3600 - 24, -(-(start + steps * step - begin) // 86400) * 24 + 25
-    if first < 0 or last > len(counts):
-        end(CANNOT, "the first and the last day of a record are not covered")
-    fine, hours = np.arange((last - first - 1) * 12) / 12.0, (counts / COUNTS)[first:last]
-    hours[:, 4] = sky_temperature(hours[:, 0], hours[:, 4] / 9.0)
-    t, humidity, wind, radiation, sky = (np.interp(fine, np.arange(last - first), one) for one in hours.T)
-    times, light, ramp = begin + 3600 * first + 300 * np.arange(len(fine)), radiation > 0.0, np.linspace(0.0, 1.0, 12)
-    flags, days = [light.astype(float), light.astype(float)], times // 86400 - times[0] // 86400
-    for edge in np.flatnonzero(light[1:] != light[:-1]):
-        for flag, course in zip(flags, (ramp, 1.0 / (1.0 + np.exp(5.0 - 10.0 * ramp))), strict=True):
-            flag[edge - 6 : edge + 6] = course if light[edge + 1] else 1.0 - course
-    sums, soil = (np.bincount(days, radiation) * 300e-6)[days], soil_temperature(times)
-    grid = np.column_stack([radiation, t, humidity / 100.0 * saturation(t), ppm * CO2 / (t + 273.15), wind, sky, soil, sums, *flags])
-    return np.asarray(grid[(start - times[0]) // 300 :: step // 300][:steps])
-
-
-def year_day(days: Ints) -> Ints:
-    """Day of the year, 0 to 364, of days since 1970; 29 February counts as 28 February."""
-    dates = [dt.date.fromordinal(dt.date(1970, 1, 1).toordinal() + int(day)) for day in days]
-    return np.array([dt.date(2001, one.month, one.day - (one.month == 2 and one.day == 29)).timetuple().tm_yday - 1 for one in dates])
-
-
-def waves(days: Any, count: int) -> Any:
-    angle = 2.0 * np.pi / 365.0 * days
-    return np.stack([np.ones_like(angle), *(f((k + 1) * angle) for k in range(count) for f in (np.cos, np.sin))], axis=-1)
-
-
-class Generator:
-    """Seasons made of some years of a record."""
-
-    def __init__(self, hourly: Hourly, years: Sequence[int]) -> None:
-        begin, counts, self.site, self.zone = hourly
-        self.ahead = round(self.site[1] / 15.0) * 3600  # mean solar time, in whole hours
-        self.days = np.concatenate([np.arange(f"{y}-01-01", f"{y + 1}-01-01", dtype="datetime64[D]") for y in sorted(years)]).astype(int)
-        self.calendar, self.ends = year_day(self.days), np.append(np.flatnonzero(np.diff(self.days) != 1) + 1, len(self.days))
-        self.counts = counts[((self.days * 86400 - self.ahead - begin) // 3600)[:, None] + np.arange(24)]
-        self.counts[..., 4] = np.minimum(self.counts[..., 4], LIMITS[1, 4])
-        self.grid = np.gcd.reduce(self.counts.reshape(-1, 5).astype(np.int64)).astype(float)
-        # A clear sky (Haurwitz 1945) with the sun of Spencer (1971): means of hours [W m-2].
-        spencer, latitude = waves(np.arange(365.0), 3), math.radians(self.site[0])
-        declination = (spencer @ [0.006918, -0.399912, 0.070257, -0.006758, 0.000907, -0.002697, 0.00148])[:, None]
-        equation = (spencer[:, :5] @ [0.0000075, 0.001868, -0.032077, -0.014615, -0.040849])[:, None] * 12.0 / np.pi
-        turn = np.cos(np.pi / 12.0 * ((np.arange(288) + 0.5) / 12.0 + self.site[1] / 15.0 - self.ahead / 3600.0 + equation - 12.0))
-        sine = math.sin(latitude) * np.sin(declination) + math.cos(latitude) * np.cos(declination) * turn
-        light = np.where(sine > 0.0, 1098.0 * sine * np.exp(-0.057 / np.maximum(sine, 1e-3)), 0.0)
-        self.clear = light.reshape(365, 24, 12).mean(axis=-1)
-        fit = np.linalg.lstsq(waves(self.calendar + 0.5, 2), self.counts[..., 0].mean(axis=1))[0]
-        self.warmth = (waves(np.arange(1, 365 * 24 + 1) / 24.0, 2) @ fit).reshape(365, 24)  # course of the temperature [counts]
-        # What days are compared by: the last hour, the day, five days.
-        state, swing = (self.counts / COUNTS)[..., [0, 1, 2, 4]], np.ptp(self.counts[..., 0], axis=1) / 1000.0
-        state[..., 0] -= self.warmth[self.calendar] / 1000.0
-        clearness = self.counts[..., 3].mean(axis=1) / 3600.0 / np.maximum(self.clear.mean(axis=1)[self.calendar], 1.0)
-        day = np.column_stack([state[..., :3].mean(axis=1), clearness, swing])
-        begins = np.append(0, self.ends)[np.searchsorted(self.ends, np.arange(len(day)), "right")]
-        five = np.stack([day[max(begin, place - 4) : place + 1].mean(axis=0) for place, begin in enumerate(begins)])
-        compared = np.concatenate([state[:, -1], day, five], axis=1)
-        weights = np.sqrt([1, 1, 1, 1, 1, 1, 1, 1, 0.5, 1, 1, 1, 1, 0])
-        self.features = np.round(compared / np.maximum(compared.std(axis=0), 1e-9) * weights, 9)
-        near = [self.features[np.abs((self.calendar - one + 182) % 365 - 182) <= WINDOW] for one in self.calendar]
-        unlike = [np.sort(((own - one) ** 2).sum(axis=1))[1 : NEIGHBOURS + 1] for own, one in zip(near, self.features, strict=True)]
-        self.lonely = np.sqrt(np.mean(unlike, axis=1))
-
-    def choices(self, recent: Ints, place: int, length: int) -> Ints:
-        """Days that a block of that length may begin with at a place of the year, after the last days of the season so far."""
-        begins: Ints = np.arange(len(self.days))
-        possible = self.ends[np.searchsorted(self.ends, begins, "right")] - begins >= length
-        if len(recent):
-            possible &= ~np.isin(begins, [0, *self.ends, recent[-1] + 1])
-            possible &= ~((recent >= begins[:, None] - 1) & (recent < begins[:, None] + length)).any(axis=1)
-        distance = np.abs((self.calendar - place + 182) % 365 - 182)
-        window = next(one for one in range(WINDOW, 365, 5) if (possible & (distance <= one)).sum() >= NEAREST)
-        begins = begins[possible & (distance <= window)]
-        if not len(recent):
-            return begins
-        unlike = ((self.features[begins - 1] - self.features[recent[-1]]) ** 2).sum(axis=1) / self.lonely[begins - 1]
-        return begins[np.argsort(unlike, kind="stable")[:NEAREST]]
-
-    def season(self, start: int, numbers: Array) -> Hourly:
-        """The season from two days before the day `start` on, of as many days as there are pairs of `numbers`."""
-        places, chain, joints = year_day(start - 2 + np.arange(len(numbers))), np.empty(0, np.int64), list[int]()
-        shares = np.cumsum(np.minimum(np.arange(LONGEST, 0, -1), LONGEST - SHORTEST + 1))
-        for u, v in numbers:
-            # The season begins somewhere in a block, of which it has the rest.
-            length = SHORTEST + int(u * (LONGEST - SHORTEST + 1)) if joints else 1 + int(np.searchsorted(shares, u * shares[-1], "right"))
-            choices = self.choices(chain[-REST:], int(places[len(chain)]), length)
-            chain = np.append(chain, choices[int(v * len(choices))] + np.arange(length))
-            if len(chain) >= len(places):
-                break
-            joints.append(len(chain))
-        chain = chain[: len(places)]
-        season, source = self.counts[chain], self.calendar[chain]
-        season[..., 0] += self.warmth[places] - self.warmth[source]
-        here, there, measured = self.clear[places], self.clear[source], self.counts[chain, :, 3]
-        for day, hour in np.ndindex(here.shape):
-            high, now = np.flatnonzero(there[day] > 15.0), here[day, hour]
-            if len(high) and (hour in high or now > 15.0):  # by the clearness of the hour, or of the nearest one with a high sun
-                near = high[np.abs(high - hour).argmin()]
-                season[day, hour, 3] = measured[day, near] * now / there[day, near]
-            elif now > 15.0 or now == 0.0 < there[day, hour]:
-                season[day, hour, 3] = 0.0
-        ramp = (np.arange(1, 25) / 48.0)[:, None]
-        for joint in joints:
-            before, own = chain[joint - 1], chain[joint] - 1
-            gap = self.counts[before, -1] - self.counts[own, -1]
-            gap[0] += self.warmth[self.calendar[own], -1] - self.warmth[self.calendar[before], -1]
-            gap[3] = 0.0
-            season[joint - 1] -= ramp * gap
-            season[joint] += ramp[::-1] * gap
-        counts = np.clip(np.rint(season / self.grid) * self.grid, *LIMITS).reshape(-1, 5)
-        return (start - 2) * 86400 - self.ahead, counts, self.site, self.zone
-
-
 COVERED = re.compile(
     r"(schema|id|title|description|suites|observation|sensors|samples|outdoor_sensors|evaluation|prices|constraints|splits)\b.*"
     r"|weather\.((source|preprocessing|start|days|co2_ppm)=.*|step_seconds=(300|600|900|1200|1800|3600))|initial_state\.(kind=mature_crop|air_temperature.*)"
@@ -369,7 +209,14 @@ class Task:
             noise, price = tables["uncertainty"], {name: number(value) for name, value in tables["prices"].items()}
             fresh, goods = 1e-6 / price["dry_matter_content"], {"heat": "heat", "electricity": "electricity", "co2": "co2_dosed"}
             ledger = {f"cost_{one}": {"side": "paid", "flow": flow, "amount": one, "price": price[one]} for one, flow in goods.items()}
-            ledger["revenue"] = {"side": "earned", "flow": "fruit_growth", "amount": "yield", "factor": fresh, "price": price["fruit"]}
+            ledger["revenue"] = {
+                "side": "earned",
+                "flow": "fruit_growth",
+                "amount": "yield",
+                "unit": "kg m-2",
+                "factor": fresh,
+                "price": price["fruit"],
+            }
             groups = [noise | {"half_width": noise["delta"] * noise["half_width_factor"]}]
             tables = tables | {"ledger": ledger, "scenario": {"parameters": groups}}
         self.tables, self.scenario, self.step = tables, tables["scenario"], int(tables["weather"]["step_seconds"])
@@ -387,13 +234,18 @@ class Task:
         flows = {"heat": ("uBoil", heat * self.hours / 1e3), "electricity": ("uLamp", p["thetaLampMax"] * self.hours / 1e3)}
         flows |= {"co2_dosed": ("uCo2", dose * self.step * 1e-6), "fruit_harvested": ("sumMcFruitHar", 1.0)}
         flows, self.items = flows | dict.fromkeys(("fruit", "fruit_growth"), ("cFruit", 1.0)), []
+        self.units = dict[str, str]()
+        of_flow, money = {"heat": "kWh m-2", "electricity": "kWh m-2", "co2_dosed": "kg m-2"}, "EUR m-2"
         for name, item in tables["ledger"].items():
             flow = item.get("flow") or item["stock"]
             amount, (source, factor) = item.get("amount") or (flow if "flow" in item else f"{flow}_gained"), flows[flow]
             self.items.append((name, amount, source, item.get("factor", 1.0) * factor, item["side"] == "earned", number(item["price"])))
+            self.units |= {name: money, amount: item.get("unit") or of_flow.get(flow, "mg m-2")}
         paid, grown = (float(sum(worth * price for *_, worth, earned, price in self.items if earned == side)) for side in (False, True))
         self.low, self.high = (-paid, p["rgFruit"] * self.step * grown) if self.paper else (0.0, 1.0)  # profit of 0 and 1 when scaled
         costs, scales = reward.get("violation_price", {}), reward.get("penalty_scale", {})
+        pays = {"penalty": money if costs else "-", "reward": money if costs and {*reward["modules"]} == {"epi", "scaled_penalty"} else "-"}
+        self.units |= pays | {"epi": money, "actuator_travel": "-"}
         self.weights = [number(costs.get(name, 0.0)) * self.hours if costs else 1.0 / number(scales.get(name, math.inf)) for name in AIR]
         self.penalty_margin = sum(2.0 * weight * near for weight, near in zip(self.weights, MEAN if self.means else AT_END, strict=True))
         self.margin = self.penalty_margin + MONEY / (self.high - self.low)
@@ -445,6 +297,8 @@ class Task:
             if (group["redraw"] == "step") != (step is not None) or group["half_width"] == 0.0:
                 continue
             names = self.model.parameters.drawn_set(group["parameters"]) if isinstance(group["parameters"], str) else group["parameters"]
+            if billed := {"pBoil", "thetaLampMax", "phiExtCo2", "aFlr"} & {*names}:
+                end(CANNOT, f"not covered: {', '.join(sorted(billed))} are drawn, by which amounts are counted")
             followers = {one.name for one in self.model.table if set(names) & set(re.findall(r"\w+", one.formula))}
             if followers - {"cLeafMax"}:
                 end(CANNOT, f"not covered: {', '.join(followers)} follow from drawn parameters")
@@ -519,6 +373,13 @@ def compare(what: str, own: float, theirs: float, margin: float) -> float:
     return abs(own - theirs)
 
 
+def same(what: str, own: Any, theirs: Any) -> None:
+    if own != theirs:
+        ours, other = (said(json.loads(canonical(one))) for one in (own, theirs))
+        words = [", ".join([line for line in one if line not in two][:3]) or "nothing more" for one, two in ((ours, other), (other, ours))]
+        end(DIFFERS, f"{what}: expected {words[0]}; found {words[1]}"[:600])
+
+
 def audit_run(task: Task, run: Run, metrics: Mapping[str, float], *, direct: bool) -> str:
     """Recompute a run, and say how closely it agrees."""
     (_, actions, rewards, final), seed, sums, actuation = run, run[0]["seed"], dict[str, float](), task.tables["actuation"]
@@ -534,50 +395,87 @@ def audit_run(task: Task, run: Run, metrics: Mapping[str, float], *, direct: boo
         rows = task.quantities(before, x, u_before, u)
         sums = {name: sums.get(name, 0.0) + value for name, value in rows.items()}
         worst = max(worst, compare(f"run {seed}, step {k + 1}: the reward", rows["reward"], recorded, task.margin))
-    ends = zip(task.states, x.tolist(), map(float, final.reshape(len(x))), task.scale.tolist(), strict=False)
+    meters = [IN_ALL * near * task.step / STATES for near in MEAN for _ in range(2)] if task.means else []
+    names = [*task.states, *(f"{name} outside its limit, summed" for name in AIR for _ in range(2))]
+    same(f"run {seed}: the size of the state", len(x), len(final))
+    ends = zip(names, x.tolist(), final.tolist(), [*task.scale.tolist(), *meters], strict=False)
     off = max(compare(f"run {seed}: '{name}' at the end", own, theirs, STATES * scale) / scale for name, own, theirs, scale in ends)
     missing, charge = task.steps - len(rewards), task.tables["evaluation"]["failed_step"]
     total = float(np.add.accumulate(np.append(0.0, rewards))[-1]) + missing * number(charge["reward"])
     compare(f"run {seed}: the sum of the recorded rewards", total, metrics["reward"], 0.0)
-    for name in sorted(sums.keys() | metrics.keys()):
+    same(f"run {seed}: the names of the metrics", sorted(sums or metrics), sorted(metrics))
+    for name in sorted(metrics):
+        if name.startswith("hours_") and math.copysign(1.0, metrics[name]) < 0.0:
+            end(DIFFERS, f"run {seed}: '{name}' is negative, {metrics[name]!r} h")
         own = sums.get(name, 0.0) + missing * number(charge.get(name, 0.0))
         margin = IN_ALL * {"reward": task.margin, "penalty": task.penalty_margin}.get(name, SUMS / IN_ALL * max(abs(own), 1.0))
         margin += HOURS * own + 1.0 if name.startswith("hours_") else 0.0
-        compare(f"run {seed}: '{name}'", own, metrics.get(name, math.nan), margin)
+        compare(f"run {seed}: '{name}'", own, metrics[name], margin)
     score = f"{abs(sums.get('reward', 0.0) - rewards.sum()):.1e} of {total:.6g} (tolerance {IN_ALL * task.margin:.1e})"
     step = f"{len(rewards)} steps; reward of a step within {worst:.1e} (tolerance {task.margin:.1e})"
     return f"run {seed}: {step}, of the run within {score}, final state within {off:.1e} of its typical size (tolerance {STATES:.0e})"
 
 
-def audit(path: Path, most: int | None, task_file: str | None) -> list[str]:
-    """Audit a result, or the first ``most`` runs of it; sentences about what agrees."""
-    result = json.loads(path.read_text(encoding="utf-8"))
-    runs, seeds, (name, digest) = result["runs"], result["evaluation"]["seeds"], (result["task"][one] for one in ("id", "digest"))
+def plain(tables: Table) -> list[str]:
+    """A task as its record has it: without words for people, that of the paper without units and what is not there, too."""
+    own = [line for line in said(tables) if not re.match(r"(description|suites)\b", line)]
+    return sorted(re.sub(r"\.value=", "=", line) for line in own if tables["schema"] > 1 or not re.search(r"\.unit=|=None$", line))
+
+
+def audit(path: Path, most: int | None, task_file: str | None) -> Iterator[str]:
+    """Audit a result, or the first ``most`` runs of it; sentences about what agrees, as they come."""
+    if most == 0:
+        end(CANNOT, "no run to audit: --runs must be at least 1")
+    result = read_json(path.read_bytes())
+    if not isinstance(result, dict) or (result.get("schema"), result.get("schema_version")) != ("glbench/result", 1) or not result["runs"]:
+        end(CANNOT, f"{path} is no result of glbench with runs, such as reports/results/Spring-v1/my_agent.json")
+    runs, agent, (name, digest, *_) = result["runs"], result["agent"], result["task"].values()
     if result["task"].get("salt_commitment") or not result["record"]:
         end(CANNOT, "results of sealed rounds, and those without a record, are not covered")
-    covered = {"task": digest, "agent": {one: result["agent"][one] for one in ("name", "digest")}, "runs": runs}
-    means = {name: math.fsum(run["metrics"][name] for run in runs) / len(runs) for name in runs[0]["metrics"]}
-    n, good, numbers = len(runs), sum(run["status"] == "ok" for run in runs), list(range(seeds[0], seeds[0] + len(runs)))
+    provenance, definition, recorded, content = read_record(path.with_name(result["record"]["file"]))
+    lock, direct = tomllib.loads((ROOT / "tasks" / "lock.toml").read_text(encoding="utf-8")), provenance["agent"]["acts"] == "controls"
+    tables, split = task_tables(task_file or name, Path()), result["task"].get("split")
+    if tables.get("id") != name or (task_file and name in lock):
+        end(CANNOT, f"the task file is of {tables.get('id')}, the result of {name}; without --task it is the published one")
+    same("the split", split in tables.get("splits", [None]), True)
+    task, n, good, start = Task(tables, split), len(runs), sum(run["status"] == "ok" for run in runs), runs[0]["seed"]
+    means = {name: math.fsum(run["metrics"][name] for run in runs) / n for name in runs[0]["metrics"]}
     summary = {"runs": n, "ok": good, "failed": n - good, "statuses": Counter(run["status"] for run in runs), "mean": means}
-    if hashlib.sha256(canonical(covered).encode()).hexdigest() != result["results_digest"] or summary != result["summary"]:
-        end(DIFFERS, "results_digest or the summary do not follow from the runs")
-    if not numbers == seeds == [run["seed"] for run in runs] or (result["evaluation"]["runs"], {*result["units"]}) != (n, {*means}):
-        end(DIFFERS, "units or number of runs, or seeds, are not those of the runs, one after the other")
-    provenance, recorded, content = read_record(path.with_name(result["record"]["file"]))
-    facts = [[[run[one] for one in ("seed", "status", "reason", "steps")] for run in some] for some in (runs, [run[0] for run in recorded])]
-    facts += [[one["task"]["digest"], *(one["agent"][key] for key in ("name", "digest", "privileged"))] for one in (result, provenance)]
-    if content != result["record"]["digest"] or facts[0] != facts[1] or facts[2] != facts[3]:
-        end(DIFFERS, "the record is not the one that the result names, or tells something else of its runs, task or agent")
-    tables, lock = task_tables(task_file or name, Path()), tomllib.loads((ROOT / "tasks" / "lock.toml").read_text(encoding="utf-8"))
-    if tables["id"] != name or lock.get(name, {"digest": digest})["digest"] != digest:
-        end(DIFFERS if tables["id"] == name else CANNOT, f"the digest is not that of {name}, or the task file is of {tables['id']}")
-    task, words = Task(tables, result["task"].get("split")), list[str]()
-    compare("the number of steps", task.steps, result["task"]["steps"], 0.0)
-    for run, given in list(zip(recorded, runs, strict=True))[:most]:
-        if given["status"] == "simulation_failed" or (given["status"] == "ok") != (given["steps"] == task.steps):
-            end(CANNOT, f"run {given['seed']} is {given['status']} after {given['steps']} steps, which is not covered")
-        words.append(audit_run(task, run, given["metrics"], direct=provenance["agent"]["acts"] == "controls"))
-    return [*words, f"agrees ({len(words)} of {len(runs)} runs)"] if words else end(CANNOT, "no run to audit: --runs must be at least 1")
+    facts: Table = {"id": name, "digest": lock.get(name, {"digest": digest})["digest"], "title": tables["title"]}
+    facts, years = facts | {"steps": task.steps, "step_seconds": float(task.step)}, split and sorted(tables["splits"][split]["years"])
+    covered = {"task": digest, "agent": {one: agent[one] for one in ("name", "digest")}, "runs": runs}
+    own: Table = {"results_digest": hashlib.sha256(canonical(covered).encode()).hexdigest(), "record.digest": content, "summary": summary}
+    own |= {"seeds": list(range(start, start + n)), "runs": n, "seeds of runs": [run["seed"] for run in runs], "task": facts}
+    own |= {"units": {one: "h" if one.startswith("hours_") else task.units.get(one) for one in means}, "split, years": [split, years]}
+    theirs = {one: result.get(one) for one in own} | {
+        "seeds of runs": result["evaluation"]["seeds"],
+        "record.digest": result["record"]["digest"],
+    }
+    theirs |= {one: result["evaluation"][one] for one in ("seeds", "runs")} | {"split, years": [split, result["task"].get("years")]}
+    same("the result", own, theirs | {"task": {one: result["task"][one] for one in facts}})
+    own = {"task": facts | {"start": str(tables["weather"]["start"])}, "definition": plain(tables)}
+    own["runs"] = [{one: run[one] for one in ("seed", "status", "reason", "steps")} for run in runs]
+    own["agent"] = {one: agent[one] for one in ("name", "kind", "digest", "information")} | {"privileged": direct or agent["privileged"]}
+    own["columns"] = task.controls if direct else [*tables["actuation"]["controls"]]
+    theirs = {part: {one: provenance[part][one] for one in own[part]} for part in ("task", "agent")} | {"definition": plain(definition)}
+    theirs["runs"] = [{one: run[one] for one in own["runs"][0]} for run, *_ in recorded]
+    same("the record", own, theirs | {"columns": provenance["agent"]["columns"]})
+    same("privileged in the result", own["agent"]["privileged"], agent["privileged"])
+    asked = (tables["evaluation"]["first_seed"], tables["evaluation"]["runs"])
+    trial = (
+        "" if (start, n) == asked and split in (None, "test") else f"; the task asks for {asked[1]} from {asked[0]} on, of the test split"
+    )
+    yield f"{name}{f', {split} split' if split else ''}, agent {agent['name']}: {n} runs from {start} on{trial}"
+    for run, row in list(zip(recorded, runs, strict=True))[:most]:
+        if row["status"] == "simulation_failed" or (row["status"] == "ok") != (row["steps"] == task.steps):
+            end(CANNOT, f"run {row['seed']} is {row['status']} after {row['steps']} steps, which is not covered")
+        same(f"what is said of run {row['seed']}", ["metrics", "reason", "seed", "status", "steps"], sorted(row))
+        yield audit_run(task, run, row["metrics"], direct=direct)
+    yield (
+        f"not audited: {'fresh draws, ' if result.get('fresh_draws') else ''}the agent and what it saw, kernel, versions, profile, episodes"
+        + ("" if name in lock else ", digest of a task that is not published")
+    )
+    yield f"agrees ({len(runs[:most])} of {n} runs)"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -587,12 +485,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--task", help="file of a task that glbench does not ship")
     options, code = parser.parse_args(arguments), 0
     try:
-        words = audit(options.result, options.runs and max(options.runs, 0), options.task)
+        for words in audit(options.result, options.runs and max(options.runs, 0), options.task):
+            sys.stdout.write(words + "\n")
     except VerdictError as verdict:
-        code, words = verdict.args[0], [f"{'differs' if verdict.args[0] == DIFFERS else 'cannot be audited'}: {verdict.args[1]}"]
+        code, words = verdict.args[0], verdict.args[1]
     except Exception as error:  # whatever a strange file brings
-        code, words = CANNOT, [f"cannot be audited: {type(error).__name__}: {error}"]
-    sys.stdout.write("\n".join(words) + "\n")
+        code, words = CANNOT, f"a file is missing, damaged, or not what it should be: {type(error).__name__}: {error}"
+    if code:
+        sys.stdout.write(f"{'differs' if code == DIFFERS else 'cannot be audited'}: {words}\n")
     return code
 
 

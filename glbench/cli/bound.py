@@ -29,6 +29,7 @@ _ROWS = {
     "without_engine": "Least cost without the engine",
     "boiler_alone": "Least cost with the boiler alone",
 }
+_ITERATIONS = 35
 _EARNS = {"buffer_earns": "the buffer", "engine_earns": "the engine", "looking_earns": "knowing how prices vary"}
 
 
@@ -46,7 +47,7 @@ def bound(
     ] = None,
     iterations: Annotated[
         int, typer.Option("--iterations", "-n", min=1, help="Iterations per plan; one takes 3 to 12 s of one core for 5,760 steps.")
-    ] = 35,
+    ] = _ITERATIONS,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for the plans. Default: runs/bound/TASK. Finished plans are skipped.")
     ] = None,
@@ -70,8 +71,8 @@ def bound(
     """
     if (task is None) == (not submit):
         refuse("Name the task to plan for (glbench bound GreenhouseReal-v1), or plans to hand in (--submit FILE).", GlbenchError)
-    if submit and (scenario or start or out):
-        refuse("--submit hands in existing plans. Leave out --scenario, --start and --out.", GlbenchError)
+    if submit and (scenario or start or out or workers or iterations != _ITERATIONS):
+        refuse("--submit hands in existing plans. Leave out --scenario, --start, --iterations, --workers and --out.", GlbenchError)
     if task is None:
         from glbench.bounds import submit as submit_plans
 

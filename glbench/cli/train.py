@@ -47,7 +47,7 @@ def train(
     out: options.TrainingFolder = None,
     resume: options.Resume = False,
     wandb: Annotated[bool, typer.Option("--wandb", help="Log to Weights & Biases too (WANDB_MODE=offline needs no account).")] = False,
-    tensorboard: Annotated[bool, typer.Option(help="Write files for TensorBoard.")] = True,
+    tensorboard: Annotated[bool, typer.Option(help="Write files for TensorBoard (Stable-Baselines3 only).")] = True,
     seeds: Annotated[
         str | None, typer.Option("--seeds", help="Train with each of these seeds: 0-4, or 0,1,7-9. Resumes interrupted ones.")
     ] = None,

@@ -134,7 +134,7 @@ def _episode(path: Path, run: str) -> Episode:
     """The episode in a file, or a run of a result: its recorded episode, else the run simulated again from its recorded actions."""
     from glbench.episodes import chosen_rows, episode_path, episodes_folder, read_episode, replayed_episodes
     from glbench.evaluation import load_result
-    from glbench.evaluation.saving import in_its_split, recorded_actions
+    from glbench.evaluation.saving import recorded_actions, task_of_result
 
     if path.name.endswith(ACTIONS_SUFFIX):
         owner = path.with_name(path.name.removesuffix(ACTIONS_SUFFIX) + ".json")
@@ -145,8 +145,7 @@ def _episode(path: Path, run: str) -> Episode:
             print_warning(f"{path}: {episode.problem}. Shown is what is left of it.")
         return episode
     result = load_result(path)
-    log = recorded_actions(result, path)
-    task = in_its_split(log.task(), result, path)
+    log, task = recorded_actions(result, path), task_of_result(result, path)
     (row,) = chosen_rows([run], log.seeds, result.values(task.evaluation.metric))
     seed = result.runs[row].seed
     which = f"seed {seed}" if run.isdecimal() else f"seed {seed}, the {run} of {len(result.runs)} runs"

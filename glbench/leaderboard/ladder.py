@@ -247,7 +247,7 @@ def verdict_lines(ladder: Ladder) -> list[str]:
     lines, separation = [verdict_words(verdict, ladder) for verdict in ladder.verdicts], ladder.separation
     if separation is None:
         return lines
-    unit = f" {pretty_unit(ladder.unit)}"
+    unit = f" {pretty_unit(ladder.unit)}".rstrip()
     for pair in separation.pairs:
         is_resolved = "resolved" if pair.resolved else _open(pair.difference, ladder, unit)
         lines.append(f"{pair.first} earns {_words(pair.difference, ladder)}{unit} more than {pair.second}: {is_resolved}.")
@@ -260,7 +260,7 @@ def verdict_words(verdict: Verdict, ladder: Ladder) -> str:
     words = f"{verdict.kind}: {verdict.blind} keeps {share} of the lead of {verdict.strongest}; at most half: {verdict.at_most_half}."
     if verdict.gap is None:
         return words
-    gap = f"{ladder.rules} earns {_words(verdict.gap, ladder)} {pretty_unit(ladder.unit)} more than {verdict.blind}"
+    gap = f"{ladder.rules} earns {_words(verdict.gap, ladder)}{f' {pretty_unit(ladder.unit)}'.rstrip()} more than {verdict.blind}"
     return f"{words} {gap}; blind below rules: {verdict.below_rules}."
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from glbench.episodes import ActionLog, Episode, read_episode, read_log
-from glbench.episodes.header import PARTS, task_of
+from glbench.episodes.header import PARTS, definition_json, task_of
 from glbench.errors import EpisodeError, GlbenchError, ResultError, TaskError
 from glbench.evaluation import Result
 from glbench.evaluation.files import load_with_bytes
@@ -153,6 +153,8 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
         refute("other_task_version", reason)
     if log.provenance.task.parts != parts or log.provenance.task.start != task.weather.start.isoformat():
         refute("record_of_other_task", "The record names digests of the task's parts, or a first day, that are not the task's.")
+    if definition_json(task_of(log.definition)) != definition_json(task):
+        refute("definition", f"The record defines another task than {task.id}, or describes it in other words.")
     facts, claims = (task.title, task.steps, task.step_seconds), result.task
     if facts != (claims.title, claims.steps, claims.step_seconds):
         refute("task_facts", f"The task's title, steps or step length are not those of {task.id}.")

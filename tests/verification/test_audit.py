@@ -6,6 +6,7 @@ Forgeries are thorough: digests and summaries follow what was changed, so that o
 from __future__ import annotations
 
 import ast
+import json
 import math
 import shutil
 from dataclasses import replace
@@ -14,13 +15,16 @@ from pathlib import Path
 import pytest
 import rfc8785
 
-from benchmarks import audit
-from glbench.evaluation import evaluate, result_path
+from benchmarks import audit, audit_weather
+from glbench.episodes import action_log, read_log
+from glbench.evaluation import evaluate, load_result, result_path
 from glbench.tasks import get_task
+from glbench.verification.documents import find_task
+from glbench.verification.proof import Refused
 from tests.episodes.day import FAILING, RANDOM
 from tests.evaluation.agent_files import agent_writer
 from tests.support import write_short_task
-from tests.verification.forging import changed, perturb, rewrite, rewrite_record
+from tests.verification.forging import changed, perturb, record_of, rewrite, rewrite_record
 
 SPRING = """
 base = "glbench/Spring-v1"
@@ -40,6 +44,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_short_task(folder, "Day", days=1)
     write = agent_writer(folder)
     evaluate(get_task(folder / "springday.toml"), write(RANDOM, "wavy"), out=folder / "reports", episodes="none")
+    (folder / "papersky.toml").write_text(SPRING.replace("SpringDay", "PaperSky") + 'weather.preprocessing = "paper"\n')
+    evaluate(get_task(folder / "papersky.toml"), write(RANDOM, "wavy"), out=folder / "reports", episodes="none", runs=1)
     for agent in (write(FAILING, "failing"), "rule_based"):
         evaluate(get_task(folder / "day.toml"), agent, out=folder / "reports", episodes="none")
     return folder
@@ -63,7 +69,9 @@ def test_an_honest_result_agrees(made, capsys):
     assert code == 0, words
     assert "run 10003: 96 steps" in words
     assert "run 10004: 96 steps" in words
-    assert words.endswith(")\nagrees (2 of 2 runs)\n")
+    assert words.startswith("test/SpringDay-v1, test split, agent wavy: 2 runs from 10003 on\n")
+    assert "\nnot audited: the agent and what it saw, " in words
+    assert words.endswith(", digest of a task that is not published\nagrees (2 of 2 runs)\n")
 
 
 def test_only_runs_that_were_audited_agree(made, capsys):
@@ -82,8 +90,14 @@ def test_an_honest_result_on_the_paper_s_weather_agrees(made, capsys, agent):
     assert ("17 steps" if agent == "failing" else "24 steps") in words
 
 
-def differs(result: Path, made: Path, capsys: pytest.CaptureFixture[str], *words: str) -> None:
-    code, said = audited(result, made, capsys)
+def test_co2_that_wanders_on_the_paper_s_weather(made, capsys):
+    code, words = audited(result_path(made / "reports" / "trials", "test/PaperSky-v1", "wavy"), made, capsys, task="papersky")
+    assert code == 0, words
+    assert words.startswith("test/PaperSky-v1, test split, agent wavy: 1 runs from 10003 on; the task asks for 2 from 10003 on")
+
+
+def differs(result: Path, made: Path, capsys: pytest.CaptureFixture[str], *words: str, task: str = "springday") -> None:
+    code, said = audited(result, made, capsys, task=task)
     assert code == 1, said
     for word in ("differs: ", *words):
         assert word in said
@@ -121,13 +135,91 @@ def test_an_action_that_is_not_allowed(forged, made, capsys):
 
 def test_a_final_state_that_is_cut(forged, made, capsys):
     rewrite_record(forged, lambda log: replace(log, final_states=log.final_states[:, :5]))
-    code, words = audited(forged, made, capsys)
-    assert (code, words.startswith("cannot be audited: ")) == (2, True), words
+    differs(forged, made, capsys, "run 10003: the size of the state: expected =35; found =5")
 
 
 def test_a_changed_final_state(forged, made, capsys):
     rewrite_record(forged, lambda log: replace(log, final_states=changed(log.final_states, (0, 2), log.final_states[0, 2] + 0.01)))
     differs(forged, made, capsys, "run 10003: 'tAir' at the end")
+
+
+def test_meters_that_do_not_follow(forged, made, capsys):
+    rewrite_record(forged, lambda log: replace(log, final_states=changed(log.final_states, (0, -1), 12345.0)))
+    differs(forged, made, capsys, "run 10003: 'relative_humidity outside its limit, summed' at the end")
+
+
+def test_another_task_in_the_record(forged, made, capsys):
+    rewrite_record(forged, lambda log: replace(log, definition=log.definition.replace(b"1.6", b"9.9")))
+    differs(forged, made, capsys, "the record: expected ", "ledger.revenue_harvest.price=1.6", "ledger.revenue_harvest.price=9.9")
+    with pytest.raises(Refused, match="The record defines another task than test/SpringDay-v1, or describes it in other words"):
+        find_task(load_result(forged), read_log(record_of(forged)), made / "springday.toml")
+
+
+def test_other_columns_in_the_record(forged, made, capsys):
+    def turn(log):
+        agent = log.provenance.agent
+        return replace(
+            log, provenance=log.provenance.model_copy(update={"agent": agent.model_copy(update={"columns": agent.columns[::-1]})})
+        )
+
+    rewrite_record(forged, turn)
+    differs(forged, made, capsys, "the record: expected columns.0=uBoil, ")
+
+
+def test_a_run_that_ended_early_and_claims_to_be_complete(forged, made, capsys, monkeypatch):
+    original, failing = action_log.canonical, forged.parents[1] / "Day-v1" / "failing.json"
+    whole = {"status": "ok", "reason": None, "steps": 24}
+
+    def canonical(model):
+        document = json.loads(original(model))
+        document["runs"] = [run | whole for run in document["runs"]] if "runs" in document else None
+        return audit.canonical(document if document["runs"] else json.loads(original(model))).encode()
+
+    rewrite(failing, lambda document: [run.update(whole) for run in document["runs"]])
+    monkeypatch.setattr(action_log, "canonical", canonical)
+    rewrite_record(failing, lambda log: log)
+    differs(failing, made, capsys, "has 24 steps and 17 actions, it says, and the record holds 17 rewards and 17 actions", task="day")
+
+
+def test_a_controller_that_hides_its_privilege(forged, made, capsys):
+    rules = forged.parents[1] / "Day-v1" / "rule_based.json"
+    rewrite(rules, lambda document: document["agent"].update(privileged=False))
+    rewrite_record(
+        rules,
+        lambda log: replace(
+            log, provenance=log.provenance.model_copy(update={"agent": log.provenance.agent.model_copy(update={"privileged": False})})
+        ),
+    )
+    differs(rules, made, capsys, "expected agent.privileged=True; found agent.privileged=False", task="day")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("hours_co2_low", -0.5, "run 10003: 'hours_co2_low' is negative, -0.5 h"),
+        ("bonus", 0.0, "expected units.bonus=None; found units.bonus=h"),
+    ],
+)
+def test_metrics_that_cannot_be(forged, made, capsys, name, value, words):
+    def add(document):
+        document["units"][name] = "h"
+        for run in document["runs"]:
+            run["metrics"][name] = value
+
+    rewrite(forged, add)
+    differs(forged, made, capsys, words)
+
+
+def test_a_key_that_is_there_twice(forged, made, capsys):
+    forged.write_text(forged.read_text().replace('"summary":', '"summary": {"runs": 500}, "summary":', 1))
+    differs(forged, made, capsys, "the key 'summary' is there twice")
+
+
+def test_a_file_cannot_stand_in_for_a_published_task(forged, made, capsys, tmp_path):
+    rewrite(forged, lambda document: document["task"].update(id="glbench/Spring-v1"))
+    (tmp_path / "mine.toml").write_text(SPRING.replace("test/SpringDay-v1", "glbench/Spring-v1"))
+    code = audit.main([str(forged), "--task", str(tmp_path / "mine.toml")])
+    assert (code, "without --task it is the published one" in capsys.readouterr().out) == (2, True)
 
 
 def test_other_seeds(forged, made, capsys):
@@ -173,9 +265,14 @@ def test_a_digest_that_was_not_repaired(forged, made, capsys):
         ("agent", "privileged", True, "agent"),
         ("summary", "runs", 500, "summary"),
         ("summary", "statuses", {"ok": 500}, "summary"),
-        ("evaluation", "runs", 100, "number of runs"),
+        ("evaluation", "runs", 100, "runs=2"),
         ("units", "reward", None, "units"),
-        ("task", "steps", 5, "the number of steps is 96"),
+        ("units", "heat", "MJ m-2", "expected units.heat=kWh m-2; found units.heat=MJ m-2"),
+        ("task", "steps", 5, "expected task.steps=96; found task.steps=5"),
+        ("task", "step_seconds", 60.0, "expected task.step_seconds=900; found task.step_seconds=60"),
+        ("task", "title", "A year", "found task.title=A year"),
+        ("task", "years", [2008, 2009], "years.1.0=2008"),
+        ("task", "split", "training", "expected split, years.1.0=2008"),
     ],
 )
 def test_who_acted_and_what_is_counted(forged, made, capsys, table, key, value, words):
@@ -200,10 +297,11 @@ def test_what_cannot_be_audited(forged, made, capsys):
 
 
 def test_only_the_model_comes_from_glbench():
-    tree = ast.parse(Path(audit.__file__).read_text(encoding="utf-8"))
-    imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    imported |= {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
-    assert {name for name in imported if name and name.partition(".")[0] == "glbench"} == {"glbench.model"}
+    nodes = [node for file in (audit, audit_weather) for node in ast.walk(ast.parse(Path(file.__file__).read_text(encoding="utf-8")))]
+    imported = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
+    imported |= {name.name for node in nodes if isinstance(node, ast.Import) for name in node.names}
+    own = {name for name in imported if name and name.partition(".")[0] in ("glbench", "benchmarks", "docs", "tests")}
+    assert own == {"glbench.model", "benchmarks.audit_weather"}
 
 
 def test_canonical_json():
