@@ -81,7 +81,7 @@ class Renderer:
         self.mi, self.width, self.height, self.samples = mitsuba, size, size * tall, samples
 
     def parts(self, parts: dict[str, tuple[Mesh, dict[str, Any]]], view: dict[str, Any], seed: int) -> tuple[NDArray[np.float64], float]:
-        """Radiance under the even sky and each sun, shape (3, size, size, 3), and the share of the picture that the first part takes."""
+        """Radiance under the even sky and each sun, shape (3, height, width, 3), and the share of the picture that the first part takes."""
         mi = self.mi
         film = {"type": "hdrfilm", "width": self.width, "height": self.height, "pixel_format": "rgb", "rfilter": {"type": "box"}}
         camera = {"type": "perspective", "to_world": mi.ScalarTransform4f().look_at(**view["look"]), "film": film, "fov": view["fov"]}

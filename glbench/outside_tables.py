@@ -478,7 +478,7 @@ def says_utc(text: str) -> bool:
 
 
 def hours_ahead(text: str) -> int | None:
-    """Hours that a clock without summer time is ahead of UTC by its title, 1 for ``time (UTC+1)``; ``None`` where it names none or several."""
+    """Hours that a clock is ahead of UTC all year by its title, 1 for ``time (UTC+1)``; ``None`` where it names none or several."""
     ahead = {int(sign + hours) for sign, hours in _OFFSET.findall("" if says_utc(text) else text)} & set(range(-12, 15))
     return ahead.pop() if len(ahead) == 1 else None
 

@@ -40,7 +40,8 @@ def read_yaml(file: Path, what: str, error_type: type[GlbenchError]) -> dict[str
     text = ""
     cause: Exception
     try:
-        return _content(read_regular(file, _LARGEST_FILE).decode("utf-8-sig"))
+        text = read_regular(file, _LARGEST_FILE).decode("utf-8-sig")
+        return _content(text)
     except OSError as error:
         where, reason, cause = "", f"{error.strerror or error}. Check the path.", error
     except UnicodeDecodeError as error:

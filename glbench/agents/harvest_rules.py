@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from glbench.agents.controllers import controller
 from glbench.agents.tuned_rules import TunedRulesAgent, TunedRuleSettings, number, read_rule_pages
+from glbench.errors import SubmissionError, refuse
 from glbench.tasks.set_points import WORKED
 
 if TYPE_CHECKING:
@@ -52,8 +53,10 @@ class HarvestRulesAgent(TunedRulesAgent):
     welcome = (*TunedRulesAgent.welcome, _SAMPLE)
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """Forget what was measured; ``n_runs`` runs of ``task`` begin. Errors as for the tuned rules."""
+        """As the tuned rules; ``SubmissionError``, too, for numbers that go by a sample where the task shows none."""
         super().reset(task, n_runs)
+        if np.any(self._numbers.harvest_mass) and _SAMPLE not in task.observation_names:
+            refuse(f"{task.id} shows no '{_SAMPLE}', by which harvest_mass calls the crew. Set it to 0, or show samples.", SubmissionError)
         self._sample = np.full(n_runs, np.nan)
         self._mass, self._age = np.zeros(n_runs), np.zeros(n_runs)
         self._weighed = np.zeros(n_runs, dtype=bool)

@@ -57,8 +57,7 @@ def _metrics(quantities: Iterable[StepQuantity], *, paper: bool) -> tuple[Metric
     # The quantities have the lower sides of all limits first.
     limits = [metric.name.rpartition("_")[0] for metric in hours]
     hours.sort(key=lambda metric: limits.index(metric.name.rpartition("_")[0]))
-    any_limit = Metric(ANY_LIMIT, HOURS, RUN[ANY_LIMIT].meaning)
-    return (*sums, *hours, *([any_limit] if hours else []))
+    return (*sums, *hours, *([Metric(ANY_LIMIT, HOURS, RUN[ANY_LIMIT].meaning)] if hours else []))
 
 
 METRICS: tuple[Metric, ...] = _metrics(QUANTITIES, paper=True)

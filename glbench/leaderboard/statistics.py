@@ -104,8 +104,7 @@ def worst_tenth(values: Array) -> Array:
     count = max(size / WORST, 1.0)
     most = math.ceil(count)
     weights = np.minimum(1.0, count - np.arange(most))
-    worst = np.sort(values, axis=-1)[..., :most]
-    return np.asarray((worst * weights).sum(axis=-1) / count, dtype=np.float64)
+    return np.asarray((np.sort(values, axis=-1)[..., :most] * weights).sum(axis=-1) / count, dtype=np.float64)
 
 
 @lru_cache(maxsize=_CACHED_ARRAYS)

@@ -325,7 +325,7 @@ _TEXT = (".yml", ".toml")
 _KEY = re.compile(r"^(?P<indent> *)(?P<name>[A-Za-z_]\w*)\s*[:=]\s*(?P<value>[^#]*?)\s*(?:#\s*(?P<words>.*))?$")
 _SECTION = re.compile(r"^\[(?P<name>\w+)\]\s*(?:#\s*(?P<words>.*))?$")
 _UNIT = re.compile(
-    r"^(?P<unit>degC|K|h|ppm|%|W m-2|MJ m-2 d-1|MJ m-2|g m-3|J cm-2|share(?: h)?(?: [K%h]-1)*|-)(?=[\s,:]|$)"
+    r"^(?P<unit>degC|K|h|day|g day-1|g|ppm|%|W m-2|MJ m-2 d-1|MJ m-2|g m-3|J cm-2|share(?: h)?(?: [K%h]-1)*|-)(?=[\s,:]|$)"
     r"[,:]?\s*(?P<words>.*)$"
 )
 _DEEPEST = 2  # Spaces before a name; what is indented further is data

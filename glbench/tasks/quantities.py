@@ -290,7 +290,7 @@ def head_mass_of(model: Model) -> Callable[[Any, Any], Any]:
     """The mean mass of a head [g] from states and parameters of ``model``. Raises ``UnknownNameError`` when it has no heads."""
     masses = [signal.of for signal in model.signals() if signal.path == "crop/head" and signal.of is not None]
     if not masses:
-        refuse(f"'{CAMERA}' shows heads, and {model.id} has none. Choose a model of lettuce, or leave the module out.", UnknownNameError)
+        refuse(f"'{CAMERA}' shows heads, and {model.id} has none. Choose a model with heads, or leave the module out.", UnknownNameError)
     return masses[0]
 
 

@@ -242,8 +242,7 @@ class _Again:
         longest = max(run.steps for run in log.runs)
         rows = [row for row, run in enumerate(log.runs) if run.steps == longest > 0]
         rewards = proof.same_bits(log.rewards[:longest, rows], self.rewards[:longest, rows]).all(axis=0)
-        states = proof.same_bits(log.final_states[rows], self.final_states[rows]).all(axis=1)
-        return bool(rewards.any() or states.any())
+        return bool(rewards.any() or proof.same_bits(log.final_states[rows], self.final_states[rows]).all(axis=1).any())
 
 
 def _kernel(result: Result, task: TaskSpec, workers: int | None) -> Kernel:

@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from glbench.arrays import ArrayFile, Floats, packed
+from glbench.errors import refuse
 
 Float32s = NDArray[np.float32]
 _FORMAT = 1
@@ -44,15 +45,16 @@ class Encoder:
         return packed(format=_FORMAT, **{f"{name}{layer}": array for name, arrays in named.items() for layer, array in enumerate(arrays)})
 
     def features(self, pictures: NDArray[np.uint8]) -> Floats:
-        """Features of pictures of shape (n, height, width, 3): numbers from -1 to 1, shape (n, features)."""
+        """Features of pictures of shape (n, height, width, 3): numbers from -1 to 1, shape (n, features). ``ValueError`` for others."""
+        if pictures.ndim != 4 or pictures.shape[3] != 3 or pictures.dtype != np.uint8:
+            refuse(f"Pictures need the shape (n, height, width, 3) and whole numbers of 8 bits; here {pictures.shape} of {pictures.dtype}.")
         signal = pictures.astype(np.float32) / 255 - 0.5
         for kernel, bias in zip(self.kernels, self.biases, strict=True):
             framed = np.pad(signal, ((0, 0), (1, 1), (1, 1), (0, 0)))
             windows = sliding_window_view(framed, (3, 3), axis=(1, 2))[:, ::2, ::2]  # (n, rows, columns, in, 3, 3)
             signal = np.maximum(np.tensordot(windows, kernel, axes=((3, 4, 5), (1, 2, 3))) + bias, 0)
         hidden = np.maximum(_layer(self.dense[0], signal.mean(axis=(1, 2))), 0)
-        features: Floats = np.tanh(_layer(self.dense[1], hidden)).astype(np.float64)
-        return features
+        return np.asarray(np.tanh(_layer(self.dense[1], hidden)), dtype=np.float64)
 
     def estimates(self, features: Floats) -> Floats:
         """What the scenes that have these features show, shape (n, estimates): mass [g] and cover of lettuce, see ``Library.estimates``."""
@@ -61,5 +63,4 @@ class Encoder:
 
 
 def _layer(weights: Float32s, signal: NDArray[np.floating]) -> NDArray[np.floating]:
-    product: NDArray[np.floating] = signal @ weights[:, :-1].T + weights[:, -1]
-    return product
+    return np.asarray(signal @ weights[:, :-1].T + weights[:, -1])

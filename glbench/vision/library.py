@@ -81,7 +81,9 @@ class Library:
             arrays = ArrayFile.of(content, _LARGEST)
             arrays.check_format(_FORMAT)
             crop = arrays.text("crop")
-            truth = {name: arrays.floats(name, 1) for name in TRUTH.get(crop, ())}
+            if crop not in TRUTH:
+                refuse(f"its crop is '{crop}', and not one of {', '.join(TRUTH)}")
+            truth = {name: arrays.floats(name, 1) for name in TRUTH[crop]}
             return cls(
                 crop=crop, truth=truth, digest=digest, columns=arrays.texts("columns"), features=arrays.floats("features", 2),
                 seeds=arrays.integers("seeds", 1, np.int64), lights=arrays.integers("lights", 1, np.int64),
@@ -89,34 +91,43 @@ class Library:
                 _pictures=arrays.integers("pictures", 1, np.uint8), _starts=arrays.integers("starts", 1, np.int64),
             )  # fmt: skip
         except (OSError, ValueError) as error:
-            refuse(f"Cannot read the pictures in {file}: {reason_of(error)}. Install glbench-data again.", GlbenchError, error)
+            advice = "" if sha256 is None else " Install glbench-data again."
+            refuse(f"Cannot read the pictures in {file}: {reason_of(error)}.{advice}", GlbenchError, error)
 
     def plants(self, role: Role) -> NDArray[np.bool_]:
         """Which scenes have the plants for training and validation, for tests, or for the encoder alone, shape (scenes,)."""
+        if role not in ROLES:
+            refuse(f"No plants are for '{role}'. Choose one of {', '.join(ROLES)}; validation shows those of training.")
         return np.asarray(self.roles == ROLES.index(role))
 
     def pick(self, mass: Floats, variation: Floats, light: Floats, role: Role = "training") -> Integers:
         """Index of the scene nearest to each ``mass`` [g], of the variation and light that draws in [0, 1) choose. All shapes (n,).
 
         Only variations for this ``role`` are picked. Beyond the lightest and heaviest scene these two are shown. Raises
-        ``ValueError`` for a draw outside [0, 1).
+        ``ValueError`` for a mass below 0, a draw outside [0, 1), another role, and of rows of tomatoes.
         """
-        masses, table = self._tables[role]
-        for name, draw in (("variation", variation), ("light", light)):
-            outside = ~((np.asarray(draw) >= 0.0) & (np.asarray(draw) < 1.0))
-            if outside.any():
+        if "mass" not in self.truth or role not in ROLES:
+            self.plants(role)
+            refuse(f"Scenes of {self.crop} have no mass. Use nearest, by {', '.join(self.truth)}.")
+        mass, variation, light = (np.asarray(one, dtype=np.float64) for one in (mass, variation, light))
+        for name, draw, most in (("mass", mass, np.inf), ("variation", variation, 1.0), ("light", light, 1.0)):
+            if (outside := ~((draw >= 0.0) & (draw < most))).any():
                 row = int(np.argmax(outside))
-                refuse(f"Draw {row} of the {name} is {np.asarray(draw)[row]}: draws are at least 0 and below 1.")
+                refuse(f"Number {row} of the {name} is {draw.flat[row]}: it has to be at least 0 and below {most:g}.")
+        masses, table = self._tables[role]
         nearest = np.searchsorted((masses[1:] + masses[:-1]) / 2, mass)
         _, variations, lights = table.shape
-        index: Integers = table[nearest, (variation * variations).astype(np.int64), (light * lights).astype(np.int64)]
-        return index
+        return np.asarray(table[nearest, (variation * variations).astype(np.int64), (light * lights).astype(np.int64)])
 
     def nearest(self, states: Floats, variation: int, light: int = 1) -> Integers:
         """Index of the scene nearest to each state, shape (n,), of one of the variations for tests, the remainder of ``variation``.
 
         ``states`` are by the names of ``TRUTH``, shape (n, names); distances are shares of the range of each. The light is that of noon.
+        Raises ``ValueError`` for states of another shape or that are not finite, and a light that no scene has.
         """
+        if np.ndim(states) != 2 or np.shape(states)[1] != len(self.truth) or not np.isfinite(states).all() or light not in self.lights:
+            lights = int(self.lights.max())
+            refuse(f"States need the shape (n, {len(self.truth)}), by {', '.join(self.truth)}, and no gaps; a light is 0 to {lights}.")
         rows = np.unique(self.seeds[self.plants("test")])
         scenes = np.flatnonzero((self.seeds == rows[variation % len(rows)]) & (self.lights == light))
         table = np.stack([values[scenes] for values in self.truth.values()], axis=-1)
@@ -128,7 +139,9 @@ class Library:
         return self._pictures[self._starts[index] : self._starts[index + 1]].tobytes()
 
     def image(self, index: int) -> NDArray[np.uint8]:
-        """The picture of a scene (sRGB), shape (height, width, 3). Raises ``GlbenchError`` without the package pillow."""
+        """The picture of a scene (sRGB), shape (height, width, 3). Raises ``GlbenchError`` without the package pillow or that scene."""
+        if not 0 <= index < len(self.seeds):
+            refuse(f"There is no scene {index}: they count from 0 to {len(self.seeds) - 1}.", GlbenchError)
         require("A picture of the library", "vision", "PIL")
         from PIL import Image
 

@@ -45,8 +45,7 @@ def sine_of_elevation(times: FloatArray, place: Place) -> FloatArray:
     position = spa.solar_position_numpy(
         flat, place.latitude, place.longitude, place.altitude, STANDARD_PRESSURE_HPA, MEAN_TEMPERATURE, DELTA_T, REFRACTION_AT_SUNRISE, 1
     )
-    geometric_elevation = np.asarray(position[3], dtype=np.float64)
-    return np.sin(np.radians(geometric_elevation)).reshape(np.shape(times))
+    return np.sin(np.radians(np.asarray(position[3], dtype=np.float64))).reshape(np.shape(times))
 
 
 class Means:

@@ -53,6 +53,23 @@ def test_the_crew_is_called_when_what_was_weighed_and_has_grown_since_is_heavy_e
     assert called(plain, (0.0, 3.0), (30.0, 300.0), (34.9, 300.0), (35.0, 300.0)) == [False, False, False, True]
 
 
+def test_rules_that_go_by_a_sample_need_one() -> None:
+    without = task_card(
+        TASK.replace(
+            {
+                "id": "test/NoSample-v1",
+                "samples": None,
+                "observation.modules": ["indoor_climate", "planting", "time", "controls", "weather"],
+            }
+        )
+    )
+    HarvestRulesAgent([numbers()]).reset(without, 1)
+    with pytest.raises(
+        SubmissionError, match=r"test/NoSample-v1 shows no 'mean_head_mass', by which harvest_mass calls the crew\. Set it to 0"
+    ):
+        HarvestRulesAgent([numbers(mass=360.0)]).reset(without, 1)
+
+
 def test_a_sample_counts_in_part_beside_what_was_thought_before() -> None:
     """240 g and 7 days at 10 g a day are 310; half of that and half of 330 are 320."""
     history = ((0.0, 3.0), (28.0, 240.0), (35.0, 330.0), (36.9, 330.0), (37.1, 330.0))

@@ -195,7 +195,7 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
         )
         return get_task(tmp_path / "wrong.toml")
 
-    with pytest.raises(TaskError, match=r"\[observation\] 'camera' shows heads, and greenlight-tomato-1.0.0 has none. Choose a model of"):
+    with pytest.raises(TaskError, match=r"\[observation\] 'camera' shows heads, and greenlight-tomato-1.0.0 has none. Choose a model with"):
         spring(tmp_path / "tomatoes.toml", observation=CAMERA, sensors='\n[camera]\nlibrary = "toys-1"\n')
     with pytest.raises(TaskError, match=r"none is named: add \[camera\] library"):
         spring(tmp_path / "nameless.toml", observation=CAMERA)

@@ -47,10 +47,10 @@ def stored_of(made: Made, task_id: str) -> dict[str, Any]:
 
 def test_the_words_of_lettuce_come_from_its_ledger_and_its_model():
     told, shown = catalogue(lettuce_task()), charts_of(lettuce_task())
-    assert [item.label for item in told.items] == ["Heads", "Heat", "Lamp electricity", "CO₂"]
+    assert [item.label for item in told.items] == ["Heads at full price", "Heat", "Lamp electricity", "CO₂"]
     assert [item.table for item in told.items] == [False, False, True, False]
-    assert told.lead.startswith("Controllers run a greenhouse through the same seasons: they earn with heads and pay")
-    assert "heads minus heat, lamp electricity and CO₂" in told.profit.explanation
+    assert told.lead.startswith("Controllers run a greenhouse through the same seasons: they earn with heads at full price and pay")
+    assert "heads at full price minus heat, lamp electricity and CO₂" in told.profit.explanation
     assert not OF_TOMATOES.search(repr(told))
     assert "heads_gained" in shown.charts["compared"]
     assert shown.controls == charts_of(None).controls
@@ -72,7 +72,7 @@ def test_both_together_have_the_columns_of_both():
 
 def test_a_definition_in_words_says_what_a_tariff_is():
     (prices,) = [part for part in definition_in_words(lettuce_task()) if part.heading == "Prices"]
-    assert prices.rows[0][:3] == ("Heads", "earned", "0.4 EUR per piece")
+    assert prices.rows[0][:3] == ("Heads at full price", "earned", "0.4 EUR per piece")
     assert any("by hour of the day" in price for _, _, price, _ in prices.rows)
 
 
@@ -82,7 +82,7 @@ def test_a_user_s_task_is_ranked_by_the_metric_that_it_names(made):
 
 def test_each_table_has_the_columns_of_its_task(made, tmp_path):
     heads, fruit = (to_markdown([table], {}).splitlines() for table in sorted(made.tables, key=lambda one: one.task_id)[::-1])
-    assert any("Heads [/m²]" in line and "Yield" not in line for line in heads)
+    assert any("Heads at full price [/m²]" in line and "Yield" not in line for line in heads)
     assert any("Yield, fresh [kg/m²]" in line and "Heads" not in line for line in fruit)
     assert any("EPI is revenue minus the costs of heat, electricity and CO2." in line for line in fruit)
     assert not any("revenue minus the costs" in line for line in heads)
@@ -98,7 +98,7 @@ def test_the_terminal_speaks_of_heads(made):
     names = [row.cells[0] for row in table.rows]
     assert "  cost of heat" in names
     assert "  heads" not in names, "there are none yet"
-    assert str(table.caption).endswith("Zero in all runs: heads, cost of electricity, lamp electricity.")
+    assert str(table.caption).endswith("Zero in all runs: heads at full price, cost of electricity, lamp electricity.")
     pair = compare_entries(entry_of(lavish), entry_of(thrifty))
     assert pair.money["cost_electricity"] == pytest.approx(-pair.gap("cost_electricity"))
     assert pair.money.keys() == {item.name for item in lettuce_task().ledger.items}

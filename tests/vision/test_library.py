@@ -50,8 +50,31 @@ def test_pick_shows_the_nearest_mass_of_plants_that_the_encoder_has_not_seen(lib
     assert set(library.lights[many]) == set(library.lights)
     for role in ROLES:
         assert library.plants(role)[library.pick(wanted, middle, middle, role)].all()
-    with pytest.raises(ValueError, match=r"Draw 1 of the light is 1\.0"):
+    with pytest.raises(ValueError, match=r"Number 1 of the light is 1\.0: it has to be at least 0 and below 1"):
         library.pick(wanted[:2], middle[:2], np.array([0.2, 1.0]))
+
+
+def test_what_no_scene_shows_is_refused_in_words(library: Library) -> None:
+    middle, tomato = np.array([0.5]), Library.open("tomato")
+    assert library.pick([340.0], [0.5], [0.5]).tolist() == library.pick(np.array([340.0]), middle, middle).tolist()  # type: ignore[arg-type]
+    for call, words in (
+        (lambda: library.pick(np.array([np.nan]), middle, middle), "Number 0 of the mass is nan: it has to be at least 0"),
+        (
+            lambda: library.pick(np.array([340.0]), middle, middle, "validation"),
+            "No plants are for 'validation'.*validation shows those of tr",
+        ),  # type: ignore[arg-type]
+        (lambda: tomato.pick(np.array([340.0]), middle, middle), "Scenes of tomato have no mass. Use nearest, by leaf_area_index, fruits"),
+        (lambda: tomato.nearest(np.array([[np.nan, 95.0, 6.0]]), 3), r"States need the shape \(n, 3\), by leaf_area_index, fruits, ripe"),
+        (lambda: tomato.nearest(np.array([2.8, 95.0, 6.0]), 3), r"States need the shape \(n, 3\)"),
+        (lambda: tomato.nearest(np.array([[2.8, 95.0, 6.0]]), 3, light=3), "a light is 0 to 2"),
+        (lambda: Encoder((), (), ()).features(np.zeros((96, 96, 3), np.uint8)), r"Pictures need the shape \(n, height, width, 3\)"),
+        (lambda: Encoder((), (), ()).features(np.zeros((1, 9, 9, 3))), "whole numbers of 8 bits; here .* of float64"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(ValueError, match=words):
+            call()
+    for index in (-1, len(library.seeds)):
+        with pytest.raises(GlbenchError, match=f"There is no scene {index}: they count from 0 to 4427"):
+            library.image(index)
 
 
 def test_the_features_are_those_of_the_pictures(library: Library) -> None:
@@ -91,7 +114,10 @@ def test_a_damaged_library_is_refused(tmp_path: Path) -> None:
     file.write_bytes(packed(format=2, crop="lettuce"))
     with pytest.raises(GlbenchError, match="it has no 'mass'"):
         Library.at(file)
-    with pytest.raises(GlbenchError, match="the manifest says abc"):
+    file.write_bytes(packed(format=2, crop="rose"))
+    with pytest.raises(GlbenchError, match=r"its crop is 'rose', and not one of lettuce, tomato\.$"):
+        Library.at(file)
+    with pytest.raises(GlbenchError, match=r"the manifest says abc. Install glbench-data again"):
         Library.at(file, "abc")
 
 
@@ -131,8 +157,10 @@ def test_ripe_fruit_is_seen_in_rows_that_the_encoder_has_not_seen() -> None:
     assert 1.0 - np.mean(off**2) / np.var(true) > 0.75
 
 
-def test_the_viewer_shows_the_row_of_noon() -> None:
-    task, hours = get_task("glbench/GreenhouseReal-v1"), np.tile(np.arange(24.0), 3)
+@pytest.mark.parametrize(("name", "flowers"), [("GreenhouseReal-v1", 28 * 2.219e-6 / 1.44542e-5), ("SpringTrusses-v1", 1.0)])
+def test_the_viewer_shows_the_row_of_noon(name: str, flowers: float) -> None:
+    """A fruit of cherry tomatoes, whose stems have more flowers, is a share of one of the round tomatoes that are drawn."""
+    task, hours = get_task(f"glbench/{name}"), np.tile(np.arange(24.0), 3)
     signals = signals_of(task)
     columns = {name: np.zeros(72) for name in (*signals.needed, signals.clock, "cLeaf", "fruits", "nRipe")}
     columns |= {signals.clock: hours, "cLeaf": np.linspace(2e4, 1.3e5, 72), "fruits": np.linspace(0.0, 90.0, 72), "nRipe": np.zeros(72)}
@@ -146,7 +174,7 @@ def test_the_viewer_shows_the_row_of_noon() -> None:
     assert made is not None
     library, scenes = made
     assert np.flatnonzero(np.diff(scenes)).tolist() == [11, 35, 59], "a new picture at each noon"
-    states = np.stack([2.66e-5 * columns["cLeaf"], columns["fruits"], columns["nRipe"]], axis=-1)
+    states = np.stack([2.66e-5 * columns["cLeaf"], columns["fruits"] / flowers, columns["nRipe"]], axis=-1)
     assert np.array_equal(scenes[[0, 12, 36, 60]], library.nearest(states[[0, 12, 36, 60]], 10_003))
     assert len(np.unique(library.seeds[scenes])) == 1, "the same plants all the time"
     del columns["nRipe"]

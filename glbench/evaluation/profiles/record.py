@@ -192,8 +192,7 @@ def typical_day(values: Floats, lengths: NDArray[np.int64], a_day: int, a_slot: 
     slots = simulated.reshape(steps // a_day, a_day // a_slot, a_slot, n).swapaxes(0, 1).reshape(a_day // a_slot, -1)
     slots.sort(axis=1)
     counts = np.isfinite(slots).sum(axis=1)
-    places = np.array([np.maximum(np.ceil(q * counts).astype(int) - 1, 0) for q in QUANTILES])
-    return np.take_along_axis(slots, places.T, axis=1).T
+    return np.take_along_axis(slots, np.array([np.maximum(np.ceil(q * counts).astype(int) - 1, 0) for q in QUANTILES]).T, axis=1).T
 
 
 def by_day(values: Floats, lengths: NDArray[np.int64], a_day: int, *, add: bool) -> Floats:
@@ -208,8 +207,7 @@ def middle_run(days: Floats) -> Floats:
     """Lower median over the runs ``(days,)`` of what they did on each day; infinite where no run ended the day."""
     ordered = np.sort(days, axis=1)
     counts = np.isfinite(ordered).sum(axis=1)
-    places = np.maximum(counts - 1, 0) // 2
-    return np.asarray(np.take_along_axis(ordered, places[:, None], axis=1)[:, 0])
+    return np.asarray(np.take_along_axis(ordered, (np.maximum(counts - 1, 0) // 2)[:, None], axis=1)[:, 0])
 
 
 def by_hour(values: Floats, length: int, step_seconds: float, *, add: bool) -> Floats:

@@ -18,7 +18,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 
 from glbench.model.bounds import Horizon
-from glbench.model.crop.lettuce import LARGEST_HEAD, LETTUCE_PARAMETERS, LettuceParameters, VanHentenLettuce, head_mass
+from glbench.model.crop.lettuce import AT_FULL_PRICE, LARGEST_HEAD, LETTUCE_PARAMETERS, LettuceParameters, VanHentenLettuce, head_mass
 from glbench.model.expressions import Expr
 from glbench.model.greenhouse import record_of
 from glbench.model.model import ObservedColumn, Stock
@@ -59,7 +59,7 @@ class Butterhead(VanHentenLettuce):
     def stocks(self) -> tuple[Stock, ...]:
         of_price = f"{MASS_OF_PRICE:g} g"
         meaning = f"heads, each counted by its price relative to a head of {of_price}"
-        return (*super().stocks(), Stock("priced_heads", "m-2", meaning, "Heads", priced_heads))
+        return (*super().stocks(), Stock("priced_heads", "m-2", meaning, "Heads", priced_heads, AT_FULL_PRICE))
 
     def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         if module != "registration":

@@ -24,7 +24,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 from glbench.model.balances import DAY
 from glbench.model.bounds import Horizon
 from glbench.model.crop.butterhead import Butterhead, ButterheadParameters, mean_over_heads, relative_price
-from glbench.model.crop.lettuce import LETTUCE_PARAMETERS, YOUNG_HEAD, Fluxes, LettuceState, head_mass, start_state
+from glbench.model.crop.lettuce import AT_FULL_PRICE, LETTUCE_PARAMETERS, YOUNG_HEAD, Fluxes, LettuceState, head_mass, start_state
 from glbench.model.expressions import Expr, exp, fmax, fmin
 from glbench.model.greenhouse import record_of
 from glbench.model.model import Flow, ObservedColumn, Signal, Step, Stock
@@ -91,15 +91,13 @@ class HarvestedButterhead(Butterhead):
         return {"young_lettuce": lambda air_temperature, p: HarvestState(*start_state(p, p.young_head), 0.0)}
 
     def flows(self) -> tuple[Flow, ...]:
-        return (
-            *super().flows(),
-            Flow("heads_cut", "m-2", "heads cut, each counted by its price relative to the full one", "Heads", _heads_cut),
-            Flow("plants_set", "m-2", "young plants set after a harvest", "Young plants", _plants_set),
-        )
+        by_price = "heads cut, each counted by its price relative to the full one"
+        heads = Flow("heads_cut", "m-2", by_price, "Heads", _heads_cut, counted=AT_FULL_PRICE)
+        return (*super().flows(), heads, Flow("plants_set", "m-2", "young plants set after a harvest", "Young plants", _plants_set))
 
     def stocks(self) -> tuple[Stock, ...]:
         meaning = "plants that stand, counted by the value of one of mean mass relative to a head of the full price"
-        return (*super().stocks(), Stock("standing_heads", "m-2", meaning, "Standing plants", standing_heads))
+        return (*super().stocks(), Stock("standing_heads", "m-2", meaning, "Standing plants", standing_heads, AT_FULL_PRICE))
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
         return {**super().bounds(horizon), "plantingDays": (-0.01, horizon.days * (1.0 + 1e-6))}

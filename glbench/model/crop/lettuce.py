@@ -60,6 +60,9 @@ LIGHTEST_SOLD = 180.0
 FULL_PRICE = 250.0
 """Fresh mass from which a head earns its full price [g]; the price rises linearly in between. Chosen, of the usual trade."""
 
+AT_FULL_PRICE = "at full price"
+"""How heads are counted that earn less than the full one."""
+
 LARGEST_HEAD = 2000.0
 """Largest fresh mass of a head that is shown [g]."""
 
@@ -308,16 +311,9 @@ class VanHentenLettuce(Crop):
         return (Flow("fresh_growth", "kg m-2", "fresh mass gained by the shoots", "Fresh mass", gained),)
 
     def stocks(self) -> tuple[Stock, ...]:
-        return (
-            Stock("fresh_mass", "kg m-2", "fresh mass of the shoots", "Fresh mass", fresh_mass),
-            Stock(
-                "heads",
-                "m-2",
-                f"heads at full price: none below {LIGHTEST_SOLD:g} g, all from {FULL_PRICE:g} g fresh, in between a share of each",
-                "Heads",
-                saleable_heads,
-            ),
-        )
+        meaning = f"heads at full price: none below {LIGHTEST_SOLD:g} g, all from {FULL_PRICE:g} g fresh, in between a share of each"
+        fresh = Stock("fresh_mass", "kg m-2", "fresh mass of the shoots", "Fresh mass", fresh_mass)
+        return (fresh, Stock("heads", "m-2", meaning, "Heads", saleable_heads, AT_FULL_PRICE))
 
     def signals(self) -> tuple[Signal, ...]:
         return (

@@ -67,6 +67,8 @@ LEAST_LEAVES = 0.5
 SOUND_LEAVES = 0.1
 """Share of the largest leaf area that mould never takes, and below whose double it takes fewer leaves; chosen, for that pole."""
 
+ROUND_FLOWERS = 9.0 * (-1.708e-7 / 9 + 20.0 * (7.3125e-7 / 9))
+"""New flowers of a stem at 20 °C with the default parameters, those of a round tomato [s-1]."""
 
 HEAD_IN_BALANCE, HEAD_BY_SUPPLY, SUPPLY_IN_BALANCE = 10.0, 10.0, 0.5
 """Diameter of the head [mm] of a plant in balance, its rise [mm] for a supply of 1, and the supply of a plant in balance [-]; chosen."""
@@ -441,7 +443,11 @@ def _young(air_temperature: float, p: Any) -> Any:
 
 
 def row_of(columns: Mapping[str, Floats], parameters: Mapping[str, float]) -> tuple[Floats, Floats, Floats] | None:
-    """Leaf area index [m2 m-2], fruits on the plants and ripe ones [m-2] by the columns of a record; None without a crop of trusses."""
+    """Leaf area index [m2 m-2], fruits on the plants and ripe ones [m-2] by the columns of a record; None without a crop of trusses.
+
+    They are those of a round tomato in that state: with more flowers on a stem, each of its fruits stands for several.
+    """
     if not {"cLeaf", "fruits", "nRipe"} <= columns.keys():
         return None
-    return parameters["sla"] * columns["cLeaf"], columns["fruits"], columns["nRipe"]
+    share = ROUND_FLOWERS / (parameters["nTruss"] * (parameters["cTruss1"] + 20.0 * parameters["cTruss2"]))
+    return parameters["sla"] * columns["cLeaf"], share * columns["fruits"], share * columns["nRipe"]
