@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from glbench.evaluation import Result
 
 _MOST_NAMES = 3
-_RULES, _ENERGY_RULES = "rule_based_tuned", "rule_based_energy"
+_RULES, _ENERGY_RULES, _HARVEST_RULES = "rule_based_tuned", "rule_based_energy", "rule_based_harvest"
 
 
 def report(
@@ -116,7 +116,7 @@ def story(
             "--against",
             metavar="RESULT|AGENT",
             help="Another result file, or the name of an agent with a result in the same folder. "
-            f"Default: {_RULES}; of a task that shows the price of power {_ENERGY_RULES}.",
+            f"Default: {_RULES}; of a task that shows the price of power {_ENERGY_RULES}, with a harvest {_HARVEST_RULES}.",
         ),
     ] = None,
     page: Annotated[Path | None, typer.Option("--page", help="Write a page (.html) with tables and charts, too.")] = None,
@@ -161,6 +161,7 @@ def story(
 def _other(path: Path, result: Result, against: str | None) -> Path:
     """The result to compare with: a file, or that of an agent in the same folder. Raises ``ResultError`` when there is none."""
     from glbench.agents.energy_rules import POWER
+    from glbench.agents.harvest_rules import HARVEST
     from glbench.evaluation.evaluation import TRIALS, VALIDATION
     from glbench.evaluation.saving import task_of_result
     from glbench.registration import task_argument
@@ -168,7 +169,9 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
     if against is not None and is_file(against):
         return Path(against)
     if against is None:
-        against = _ENERGY_RULES if POWER in (column.name for column in task_of_result(result, path).observed()) else _RULES
+        task = task_of_result(result, path)
+        harvests, priced = HARVEST in task.actuation.controls, POWER in (column.name for column in task.observed())
+        against = _HARVEST_RULES if harvests else _ENERGY_RULES if priced else _RULES
     other = path.with_name(f"{against}.json")
     if other.is_file():
         return other

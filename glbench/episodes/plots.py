@@ -197,8 +197,7 @@ def _clock(episode: Episode, signals: Signals, curve: Curve) -> NDArray[np.float
     ends = np.asarray(episode[signals.clock], dtype=np.float64)
     if curve.moment == "end":
         return np.round(ends, 6)
-    length = float((episode.times[1] - episode.times[0]) / np.timedelta64(1, "h"))
-    return np.round((ends - length) % 24.0, 6)
+    return np.round((ends - float((episode.times[1] - episode.times[0]) / np.timedelta64(1, "h"))) % 24.0, 6)
 
 
 def _names(episodes: Sequence[Episode]) -> list[str]:

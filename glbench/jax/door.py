@@ -89,8 +89,7 @@ def open_door(task: TaskSpec, seeds: Sequence[int], places: int, preset: str, wo
         library().glb_door_open(name.encode(), ctypes.addressof(pointers))
         _OPEN[name] = pointers, owners
     states, controls = environments.x.shape[1], environments.u.shape[1]
-    actions = len(program.actions.low)
-    return Door(name, states, controls, program.memory, program.columns, actions, len(seeds), places)
+    return Door(name, states, controls, program.memory, program.columns, len(program.actions.low), len(seeds), places)
 
 
 def _make_pointers(

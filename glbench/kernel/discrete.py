@@ -41,8 +41,7 @@ class DiscreteBackend(StatesOnly, DifferentiatesBySteps):
     def _jacobian(self) -> ca.Function:
         """The derivative of the step with respect to x, u, d and p, side by side."""
         inputs = [ca.SX.sym(key, size) for key, size in self._model.sizes.items()]
-        jacobian = ca.jacobian(self._step(*inputs), ca.vertcat(*inputs))
-        return ca.Function("step_jacobian", inputs, [ca.cse(ca.densify(jacobian))])
+        return ca.Function("step_jacobian", inputs, [ca.cse(ca.densify(ca.jacobian(self._step(*inputs), ca.vertcat(*inputs))))])
 
     def _evaluate(self, function: ca.Function, rows: Rows) -> FloatArray:
         return evaluate_rows(self._model.names, function, rows.x, rows.u, rows.d, rows.p[0] if len(rows.p) == 1 else rows.p)

@@ -207,8 +207,7 @@ def _market_prices(market: Market, times: NDArray[np.datetime64], hour_of_day: F
     every, hours = season.every, -(-len(hour) // season.every)
     first = np.arange(hours) * every
     sun, wind = (np.add.reduceat(values, first) / np.diff([*first, len(hour)]) for values in (season.radiation, season.wind))
-    prices = market.price(hour[first], weekend[first], sun, wind, season.paths[name][:hours])
-    return np.repeat(prices, every)[: len(hour)]
+    return np.repeat(market.price(hour[first], weekend[first], sun, wind, season.paths[name][:hours]), every)[: len(hour)]
 
 
 def _hours(hour_of_day: Floats) -> NDArray[np.int64]:

@@ -220,11 +220,12 @@ def test_story_and_view_take_an_agent_by_its_name(here, glbench):
     assert not (here / "none.rrd").exists()
 
 
-def test_where_power_has_a_price_a_story_is_told_against_the_energy_rules(here, glbench):
-    """Also without engine and buffer, as in WinterLED-v1."""
-    head = 'base = "glbench/WinterLED-v1"\nid = "mine/Winter-v1"\ntitle = "A day"\nsuites = ["mine"]\n'
-    (here / "winter.toml").write_text(f"{head}[weather]\ndays = 1\n[evaluation]\nruns = 1\n", encoding="utf-8")
-    assert glbench("evaluate", "steady.py", "--task", "winter.toml").code == 0
-    alone = glbench("story", "steady", "--task", "winter.toml")
+@pytest.mark.parametrize(("base", "rules"), [("WinterLED-v1", "rule_based_energy"), ("LettuceHarvest-v1", "rule_based_harvest")])
+def test_a_story_is_told_against_the_rules_of_such_tasks(here, glbench, base, rules):
+    """Those for power at hourly prices also without engine and buffer, as in WinterLED-v1."""
+    head = f'base = "glbench/{base}"\nid = "mine/Other-v1"\ntitle = "A day"\nsuites = ["mine"]\n'
+    (here / "other.toml").write_text(f"{head}[weather]\ndays = 1\n[evaluation]\nruns = 1\n", encoding="utf-8")
+    assert glbench("evaluate", "steady.py", "--task", "other.toml").code == 0
+    alone = glbench("story", "steady", "--task", "other.toml")
     assert alone.code == 1
-    assert "rule_based_energy.json" in alone.err.replace("\n", "")
+    assert f"{rules}.json" in alone.err.replace("\n", "")
