@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -220,12 +221,15 @@ def test_story_and_view_take_an_agent_by_its_name(here, glbench):
     assert not (here / "none.rrd").exists()
 
 
-@pytest.mark.parametrize(("base", "rules"), [("WinterLED-v1", "rule_based_energy"), ("LettuceHarvest-v1", "rule_based_harvest")])
-def test_a_story_is_told_against_the_rules_of_such_tasks(here, glbench, base, rules):
+@pytest.mark.parametrize(
+    ("base", "agent", "rules"),
+    [("WinterLED-v1", "steady.py", "rule_based_energy"), ("LettuceHarvest-v1", "rule_based_harvest_46", "rule_based_harvest")],
+)
+def test_a_story_is_told_against_the_rules_of_such_tasks(here, glbench, base, agent, rules):
     """Those for power at hourly prices also without engine and buffer, as in WinterLED-v1."""
     head = f'base = "glbench/{base}"\nid = "mine/Other-v1"\ntitle = "A day"\nsuites = ["mine"]\n'
     (here / "other.toml").write_text(f"{head}[weather]\ndays = 1\n[evaluation]\nruns = 1\n", encoding="utf-8")
-    assert glbench("evaluate", "steady.py", "--task", "other.toml").code == 0
-    alone = glbench("story", "steady", "--task", "other.toml")
+    assert glbench("evaluate", agent, "--task", "other.toml").code == 0
+    alone = glbench("story", Path(agent).stem, "--task", "other.toml")
     assert alone.code == 1
     assert f"{rules}.json" in alone.err.replace("\n", "")
