@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, print_warning, quoted, tell
+from glbench.cli.console import count, messages, print_warning, quoted, tell
 from glbench.cli.options import OneTask, check_file, result_file, task_or_default
 from glbench.errors import EpisodeError, refuse
 
@@ -148,7 +148,7 @@ def _episode(path: Path, run: str) -> Episode:
     log, task = recorded_actions(result, path), task_of_result(result, path)
     (row,) = chosen_rows([run], log.seeds, result.values(task.evaluation.metric))
     seed = result.runs[row].seed
-    which = f"seed {seed}" if run.isdecimal() else f"seed {seed}, the {run} of {len(result.runs)} runs"
+    which = f"seed {seed}" if run.isdecimal() else f"seed {seed}, the {run} of {count(len(result.runs), 'run')}"
     tell(f"{result.agent.name}: {which}")
     file = episode_path(episodes_folder(path), seed)
     if file.exists():
