@@ -57,7 +57,10 @@ _MARKUP: Final = re.compile(r"\s*<(!doctype|html|\?xml|[a-z_:]+[ >])", re.IGNORE
 _SAMPLE_LINES = 40
 _EXCEL_DAY = r"[2-7]\d{4}(?:[.,]\d+)?"  # From 1954 to 2119
 _EXCEL_EPOCH = -2209161600  # 1899-12-30 in seconds since 1970
-_OFFSET = re.compile(r"(?:UTC|GMT|/)\s*([+-])\s*(\d\d?)(?:00)?(?![.,]?\d|:[1-9])", re.IGNORECASE)
+_UTC = r"(?<![A-Za-z])(?:UTC|GMT)"
+_AHEAD = r"\s*[(\[]?\s*([+-])\s*(\d\d?)(?::?00)?(?![.,:]?\d)"  # Behind it: +1, (+01:00), -0500
+_HYPHENS = str.maketrans("\u2212\u2013", "--")
+_MILLISECONDS = r"1\d{12}|(?!19|20)\d{12}"  # Since 1970; twelve digits may be 202403010030, too
 _INTERVAL = re.compile(r"[\d)Z]\s+[-\u2013]\s+\d")
 _OF_DAY = re.compile(r"\b(uur|tijd|hour|time|stunde|heure)", re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[ '\u00a0\u202f]\d{3})*|\d{1,3}(?:[.,]\d{3})+)?(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
@@ -432,7 +435,7 @@ class Stamps:
 def stamp_in(text: str) -> re.Match[str] | None:
     """The parts of a moment (``STAMP``), also with a month in words (``1-mrt-24 7:05``) or of a whole month (``2024-03``, ``mei 2024``)."""
     text = text.strip()
-    if match := STAMP.fullmatch(text):
+    if match := STAMP.fullmatch(re.sub(r"^((?:19|20)\d{6})([01]\d|2[0-4])([0-5]\d)?$", r"\1 \2:\3", text)):
         return match
     if in_words := _WRITTEN_DATE.fullmatch(text.lower()):
         day, word, year, rest = in_words.groups()
@@ -467,19 +470,24 @@ def time_titles(table: TextTable) -> tuple[str, ...]:
 
 def _counts_time(texts: Sequence[str]) -> bool:
     """Whether a column holds Excel's days, of which a midnight has no decimals, or Unix seconds."""
-    if re.fullmatch(r"1?\d{9}|1?\d{12}", texts[0]):
+    if re.fullmatch(rf"1?\d{{9}}|{_MILLISECONDS}", texts[0]):
         return True
     return re.fullmatch(_EXCEL_DAY, texts[0]) is not None and any(re.fullmatch(r"\d{5}[.,]\d+", text) for text in texts)
 
 
 def says_utc(text: str) -> bool:
     """Whether a title calls its times UTC, such as ``MTU (UTC)`` or ``datum_utc``."""
-    return re.search(r"(?<![A-Za-z])(UTC|GMT)(?![A-Za-z]|\s*[+-])", text, re.IGNORECASE) is not None
+    pattern = rf"{_UTC}(?![A-Za-z]|.?offset|\s*[(\[]?\s*[+-]\s*\d)"
+    return re.search(pattern, text.translate(_HYPHENS), re.IGNORECASE) is not None
 
 
 def hours_ahead(text: str) -> int | None:
     """Hours that a clock is ahead of UTC all year by its title, 1 for ``time (UTC+1)``; ``None`` where it names none or several."""
-    ahead = {int(sign + hours) for sign, hours in _OFFSET.findall("" if says_utc(text) else text)} & set(range(-12, 15))
+    text = "" if says_utc(text) else text.translate(_HYPHENS)
+    if re.search(rf"{_UTC}{_AHEAD}\s*/", text, re.IGNORECASE):  # UTC+1/+2, a clock with summer time
+        return None
+    named = re.findall(rf"(Etc/)?{_UTC}{_AHEAD}", text, re.IGNORECASE)  # Etc/GMT-1 is ahead of UTC
+    ahead = {int(sign + hours) * (-1 if zone else 1) for zone, sign, hours in named} & set(range(-12, 15))
     return ahead.pop() if len(ahead) == 1 else None
 
 
@@ -510,7 +518,7 @@ def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None
 
 def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: DateOrder | None) -> Stamps:
     # counts: Excel's days on an unnamed clock, Unix seconds or milliseconds in UTC
-    for pattern, scale, offset, zoned in ((_EXCEL_DAY, DAY, _EXCEL_EPOCH, False), (r"1?\d{9}", 1, 0, True), (r"1?\d{12}", 1e-3, 0, True)):
+    for pattern, scale, offset, zoned in ((_EXCEL_DAY, DAY, _EXCEL_EPOCH, False), (r"1?\d{9}", 1, 0, True), (_MILLISECONDS, 1e-3, 0, True)):
         if all(re.fullmatch(pattern, text) for text in texts):
             counts = [round(float(text.replace(",", ".")) * scale) + offset for text in texts]
             return Stamps(np.array(counts, dtype=np.int64), zoned)
@@ -654,3 +662,10 @@ def step_of(seconds: IntArray) -> int:
     """Usual distance of stamps [s]: the most frequent one."""
     steps, counts = np.unique(np.diff(seconds), return_counts=True)
     return int(steps[np.argmax(counts)]) if steps.size else HOUR
+
+
+def of_another_step(seconds: IntArray, step: int) -> IntArray:
+    """Rows from which on stamps are evenly another distance than ``step`` [s] apart, up to an hour, six times or more; gaps are not."""
+    apart = np.diff(seconds)
+    again = (np.abs(apart - step) > step / 4) & (apart <= HOUR) & (np.diff(apart, prepend=0) == 0)
+    return np.flatnonzero(np.convolve(again, np.ones(6), "valid") == 6) if again.size > 6 else np.empty(0, np.int64)

@@ -99,8 +99,7 @@ class DaylightEstimator:
         # What came in so far, and the rest of a mean day scaled by how today compares with it.
         expected_now = self._expected[self._rows, slot]
         rest = self._expected[:, -1] - expected_now
-        radiation_sum = self._so_far + rest * (self._so_far + PRIOR) / (expected_now + PRIOR)
-        return Daylight(is_day, smooth, radiation_sum)
+        return Daylight(is_day, smooth, self._so_far + rest * (self._so_far + PRIOR) / (expected_now + PRIOR))
 
     def _begin_days(self, hour: Floats, slot: NDArray[np.int64]) -> None:
         """At the start of a new day: learn from the one that ended, if it was observed from its start."""

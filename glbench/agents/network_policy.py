@@ -161,8 +161,7 @@ class NetworkPolicy:
     def normalised(self, observations: NDArray[np.floating[Any]]) -> Floats:
         """What the first layer gets for observations, or for the first columns of them."""
         columns = observations.shape[1]
-        values = (observations.astype(np.float64) - self.mean[:columns]) / self.scale[:columns]
-        return np.clip(values, -self.clip, self.clip)
+        return np.clip((observations.astype(np.float64) - self.mean[:columns]) / self.scale[:columns], -self.clip, self.clip)
 
     def hidden(self, x: Any) -> Any:
         """The last hidden layer ``(rows, hidden)`` for normalised observations."""

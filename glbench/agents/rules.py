@@ -138,8 +138,7 @@ def smooth_action(above: Floats, steepness: Any, half_band: Any, low: Any, span:
 
 def within(start: float, stop: float, value: Shared) -> Shared:
     """1 where ``value`` lies strictly between ``start`` and ``stop``, else 0; over the turn of day or year when start > stop."""
-    inside = (start < value) & (value < stop) if start <= stop else (start < value) | (value < stop)
-    return inside * 1.0
+    return ((start < value) & (value < stop) if start <= stop else (start < value) | (value < stop)) * 1.0
 
 
 def _larger(a: Shared, b: Shared) -> Shared:

@@ -220,8 +220,7 @@ def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
     from glbench.leaderboard.collect import short_board
 
     def agent(row: Row) -> str:
-        marks = " " * (t.agent_label(row) == t.entry_label(row)) + t.REPRODUCED_MARK
-        return t.agent_label(row) + marks * row.reproduced
+        return t.agent_label(row) + (" " * (t.agent_label(row) == t.entry_label(row)) + t.REPRODUCED_MARK) * row.reproduced
 
     def agent_and_origin(row: Row) -> str:
         """For the table without a column for the source."""

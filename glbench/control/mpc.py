@@ -358,8 +358,7 @@ def _of_those_that_can(make: Callable[[Rows], _Result], rows: Rows) -> tuple[_Re
     except StepError:
         if len(rows) == 1:
             return None, rows[:0]
-    able = np.concatenate([_of_those_that_can(make, rows[i : i + 1])[1] for i in range(len(rows))])
-    return _of_those_that_can(make, able)
+    return _of_those_that_can(make, np.concatenate([_of_those_that_can(make, rows[i : i + 1])[1] for i in range(len(rows))]))
 
 
 def _delivered(commands: Floats, delivery: Delivery | None, rows: Rows) -> Floats:

@@ -113,8 +113,7 @@ class PriceForecast:
         share /= share.sum(axis=1, keepdims=True)
         explained = self._explained(market, weather, hours) + table.weekend * (self._weekends(hours) * share[:, None]).sum(axis=-1)
         path = _faded(prices / table.level - explained, table.persistence)
-        expected = np.clip(table.level * (explained + path), table.lowest, table.highest)
-        return np.where(np.isnan(prices), expected, prices)
+        return np.where(np.isnan(prices), np.clip(table.level * (explained + path), table.lowest, table.highest), prices)
 
 
 def _faded(path: Floats, persistence: float) -> Floats:

@@ -188,8 +188,7 @@ def processor() -> frozenset[str]:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:  # another system: only the very same processor will do
         return frozenset({*facts, platform.processor(), platform.node()})
-    features = next((line for line in lines if line.startswith(_FEATURES)), "")
-    return frozenset({*facts, *features.partition(":")[2].split()})
+    return frozenset({*facts, *(next((line for line in lines if line.startswith(_FEATURES)), "")).partition(":")[2].split()})
 
 
 logger = logging.getLogger(__name__)

@@ -577,8 +577,7 @@ def paired_test(
         gaps = ours.mean(axis=0) - theirs.mean(axis=0)
         if draws_nothing(gaps, float(max(np.abs(ours).max(), np.abs(theirs).max()))) and abs(gaps[0]) <= resolution:
             tested -= float(gaps.mean()) / len(first)
-    agree = tested * difference.value > 0.0
-    return PairedTest(difference, difference.p_value(tested) if agree else 1.0)
+    return PairedTest(difference, difference.p_value(tested) if tested * difference.value > 0.0 else 1.0)
 
 
 def corrected(p_values: Sequence[float]) -> list[float]:

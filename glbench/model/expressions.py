@@ -89,9 +89,7 @@ def fmax(a: Expr, b: Expr) -> Expr:
 
 def if_else(condition: Expr, yes: Expr, no: Expr) -> Expr:
     """``yes`` where the condition holds, otherwise ``no``; both sides are evaluated."""
-    if is_symbolic(condition, yes, no):
-        return casadi.if_else(condition, yes, no)
-    return np.where(condition, yes, no)
+    return casadi.if_else(condition, yes, no) if is_symbolic(condition, yes, no) else np.where(condition, yes, no)
 
 
 def square(z: Expr) -> Expr:

@@ -113,8 +113,7 @@ class Greenhouse(Model):
 
     @property
     def crop_states(self) -> tuple[str, ...]:
-        own = (state.name for state in states_of(self.crop.State))
-        return (*((self.climate.canopy,) if self.climate.canopy else ()), *own)
+        return (*((self.climate.canopy,) if self.climate.canopy else ()), *(state.name for state in states_of(self.crop.State)))
 
     @property
     def shares(self) -> tuple[Shares, ...]:

@@ -510,8 +510,7 @@ def _step_function(model: Model, step: StepMap, seconds: float) -> casadi.Functi
 @simplification(on=True)
 def _auxiliaries_function(model: Model) -> casadi.Function:
     vectors, evaluation = _symbolic_model(model, "SX")
-    values = casadi.vertcat(*(v for record in evaluation.fluxes for v in record))
-    return _function("auxiliaries", vectors, values, "aux")
+    return _function("auxiliaries", vectors, casadi.vertcat(*(v for record in evaluation.fluxes for v in record)), "aux")
 
 
 @lru_cache(maxsize=32)

@@ -167,8 +167,7 @@ recompute_derived = TOMATO.parameters.complete
 
 def initial_state(disturbances: ArrayLike, air_temperature: float = 16.5, parameters: ArrayLike | None = None) -> Array:
     """State at the start of the benchmark's season: a mature crop, air and surfaces at one temperature [°C]."""
-    values = default_parameters() if parameters is None else parameters
-    return TOMATO.start("mature_crop", disturbances, air_temperature, values)
+    return TOMATO.start("mature_crop", disturbances, air_temperature, default_parameters() if parameters is None else parameters)
 
 
 _MODELS: dict[str, dict[str, Model]] = {}

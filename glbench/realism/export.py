@@ -111,12 +111,10 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
     if late.size:
         problem = f"'{' '.join(table.rows[late[0] + 1][table.titles.index(one)] for one in time)}' is not later than the row above. "
         table.refuse(problem + "Sort the rows by time, and take out those that are there twice.", int(late[0]) + 1, time[0])
-    apart = np.diff(seconds)
-    others = np.flatnonzero((np.abs(apart - step) > step / 2) & (apart <= LONGEST))
-    if others.size > seconds.size // 20:
-        problem = f"{others.size:,} of {seconds.size:,} rows are not {step / 60:g} min from the next, the first in line "
-        problem += f"{table.lines[others[0]]}; sums are wrong there, and gaps count as missing. Export one step throughout"
-        table = replace(table, notes=(*table.notes, problem))
+    others = outside.of_another_step(seconds, step)
+    if others.size:
+        problem = f"its step changes: most rows are {step / 60:g} min apart, others not, such as line {table.lines[others[0]]}"
+        table = replace(table, notes=(*table.notes, f"{problem}. What these do not cover counts as missing. Export one step throughout"))
     columns: dict[str, FloatArray] = {}
     unread = []
     for title in (title for title in table.titles if title not in time):
@@ -134,10 +132,13 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
             problem = f"the unit '{visible(unit)}' is unknown" if unit else "its title has no unit"
             problem += f". Write one of {', '.join(f'{name} [{one}]' for one in factors)}."
             table.refuse(problem, None, title)
+        if own in JOULES and others.size:
+            table.refuse(f"{problem}, and {name} is a sum over each. Export one step throughout.", None, title)
         factor, offset = factors[own]
         columns[name] = table.numbers(title, sentinels=(-999.0, -9999.0)) * JOULES.get(own, step * factor) / step + offset
     above = "\n".join(line for line in table.preamble if line.lstrip(' "').startswith("#"))
-    place = {key: float(words.replace(",", ".")) for key, words in re.findall(r"#\s*(\w+)\s*:\s*([-+]?\d+(?:[.,]\d+)?)", above)}
+    said = re.findall(r"#\s*(\w+)\s*:\s*([-+]?\d+(?:[.,]\d+)?)\s*°?\s*([SW]\b)?", above)
+    place = {key: float(words.replace(",", ".")) * (-1.0 if side else 1.0) for key, words, side in said}
     notes = (*table.notes, *([f"columns that are not read: {'; '.join(unread)}"] if unread else []))
     begin = seconds - (step if stamps.ends else 0)
     return Export(path, begin, step, columns, table.lines, place, tuple(f"{path.name}: {note}." for note in notes))

@@ -181,8 +181,7 @@ def co2_dose(daily: FloatArray, outside: Outdoors, lit: NDArray[np.bool_]) -> Fl
     days = daily.size
     light = np.bincount(outside.day[lit], minlength=days)
     dosed = lit | (light == 0)[outside.day]
-    seconds = np.bincount(outside.day[dosed], minlength=days) * STEP_SECONDS
-    return np.where(dosed, (1e6 * daily / seconds)[outside.day], 0.0)
+    return np.where(dosed, (1e6 * daily / (np.bincount(outside.day[dosed], minlength=days) * STEP_SECONDS))[outside.day], 0.0)
 
 
 def periods(lit: NDArray[np.bool_], pre_night_hours: float) -> NDArray[np.int64]:

@@ -64,8 +64,7 @@ def timed(work: Work) -> Timed:
     """``work`` after one call to warm up, with enough repeats to be measured."""
     started = time.perf_counter()
     work()
-    seconds = max(time.perf_counter() - started, 1e-9)
-    return Timed(work, max(1, round(SHORTEST_SECONDS / seconds)))
+    return Timed(work, max(1, round(SHORTEST_SECONDS / max(time.perf_counter() - started, 1e-9))))
 
 
 @dataclass(frozen=True)

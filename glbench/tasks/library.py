@@ -52,9 +52,7 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     if injected is not None:
         return injected
     path = Path(id_or_path)
-    if isinstance(id_or_path, Path) or path.suffix == ".toml":
-        return _load(path)
-    return _load(shipped_file(str(id_or_path)))
+    return _load(path) if isinstance(id_or_path, Path) or path.suffix == ".toml" else _load(shipped_file(str(id_or_path)))
 
 
 def read_task(path: Path) -> TaskSpec:

@@ -91,9 +91,7 @@ class ActuationKind(Word):
 
     def actions(self, controls: tuple[str, ...]) -> tuple[Action, ...]:
         """The entries of an action in a task that grants ``controls``."""
-        if self.own is not None:
-            return self.own(controls)
-        return tuple(Action(name, self.low, self.high) for name in controls)
+        return self.own(controls) if self.own is not None else tuple(Action(name, self.low, self.high) for name in controls)
 
 
 @dataclass(frozen=True)

@@ -230,8 +230,7 @@ class Normalizer(VecNormalize):
         return np.where(self.columns.varying, np.sqrt(self.columns.var + self.epsilon), 1.0)
 
     def _normalize_obs(self, obs: NDArray[Any], obs_rms: RunningMeanStd) -> NDArray[Any]:
-        normalized = np.clip((obs - obs_rms.mean) / self.scale, -self.clip_obs, self.clip_obs)
-        return np.where(self.columns.varying, normalized, 0.0)
+        return np.where(self.columns.varying, np.clip((obs - obs_rms.mean) / self.scale, -self.clip_obs, self.clip_obs), 0.0)
 
     def _unnormalize_obs(self, obs: NDArray[Any], obs_rms: RunningMeanStd) -> NDArray[Any]:
         unnormalized: NDArray[Any] = obs * self.scale + obs_rms.mean

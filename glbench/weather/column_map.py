@@ -26,7 +26,7 @@ from glbench.weather import record
 from glbench.weather.hourly import hourly_record
 from glbench.weather.preprocessing import KELVIN
 
-JOULES: Mapping[str, float] = {"Wh/m2": 3600.0, "J/cm2": 1e4, "kJ/m2": 1e3, "MJ/m2": 1e6, "J/m2": 1.0}
+JOULES: Mapping[str, float] = {"Wh/m2": 3600.0, "kWh/m2": 3.6e6, "J/cm2": 1e4, "kJ/m2": 1e3, "MJ/m2": 1e6, "J/m2": 1.0}
 """Units of radiation [J m-2] that are sums over the interval."""
 UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "air_temperature": {"degC": (1.0, 0.0), "K": (1.0, -KELVIN), "degF": (5 / 9, -160 / 9)},
@@ -35,6 +35,7 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     # 2.3 umol of PAR a joule of sunlight (Vanthoor 2011, tables 8.1 and 9.1), as in the greenhouse model
     "global_radiation": {
         "W/m2": (1.0, 0.0),
+        "kW/m2": (1e3, 0.0),
         **dict.fromkeys(JOULES, (1.0, 0.0)),
         "J/cm2/h": (1e4 / 3600, 0.0),
         "umol/m2/s": (1 / 2.3, 0.0),
@@ -63,10 +64,14 @@ EXPECTED_HEADER = (
 REQUIRED_KEYS = ("latitude", "longitude", "altitude", "timezone")
 TEXT_KEYS = ("station", "source", "licence")
 _INSIDE = r"kas|greenhouse|indoor|inside|binnen|innen|set|wens|berekend|calc|bodem|soil|pijp|pipe|rail|water|blad|leaf|gewas|crop|cpu"
+_INSIDE += r"|\babt|gew[äa]e?chsh|\bhaus\b|invernadero|\bserre\b|interior"
 _INSIDE += r"|\bafd|compartment|stook|heat|verwarm|scherm|screen|mat\b|buffer|ketel|boiler"
 _GUESSES: Mapping[str, tuple[str, str]] = {
-    "relative_humidity": (r"\brv\b|\brh\b|rv.?bui|rel.*hum|humid|vocht|feuchte|^hum\b", rf"{_INSIDE}|abs|deficit|vpd|\bvd\b"),
-    "wind_speed": (r"wind|\bwsn|vent\b|viento|^ws$", rf"{_INSIDE}|dir|richting|gust|stoot|window|luwe|raam|zijde|side|roof|lee"),
+    "relative_humidity": (
+        r"\brv\b|\brh\b|rv.?bui|rel.*hum|humid|vocht|feucht|humed|hygrom|\bhr\b|\bhum(\b|out|ext)",
+        rf"{_INSIDE}|abs|defi[cz]it|vpd|\bvd\b",
+    ),
+    "wind_speed": (r"wind|\bwsn|vent\b|viento|^ws$", rf"{_INSIDE}|dir|richting|gust|stoot|window|luwe|raam|zijde|(?<!out)side|roof|lee"),
     "sky_infrared": (r"pyrgeo|long.?wave|infrared|langwel", rf"{_INSIDE}|net|up"),
     "sky_temperature": (r"sky.?temp|hemeltemp", _INSIDE),
     "cloud_cover": (r"cloud|bewolk|wolken|nubos|\boctants\b", _INSIDE),
@@ -74,12 +79,12 @@ _GUESSES: Mapping[str, tuple[str, str]] = {
         r"straling|radiation|strahlung|solar|pyrano|glob|\bghi\b|irradi|rayonn|radiaci|^rad$|^sun|zon",
         rf"{_INSIDE}|uitstraling|\bnet|long|diff|direct|\bdni\b|\bdhi\b",
     ),
-    "air_temperature": (r"temp|tair|tout|\bt (air|out)|t.?bui|^t$|\bta\b|dry.?bulb", rf"{_INSIDE}|dauw|dew|wet|natte|sky|hemel"),
+    "air_temperature": (r"temp|tair|tout|\bt (air|out)|t.?bui|^t$|\bta\b|dry.?bulb", rf"{_INSIDE}|dauw|dew|\bwet(?!ter)|natte|sky|hemel"),
 }
 """What titles of each quantity look like, and what rules them out; in lower case. The first that fits is taken."""
 
 
-_OUTSIDE = re.compile(r"buiten|bui\b|out|ext|au(ss|ß)en|meteo|weer|weather", re.IGNORECASE)
+_OUTSIDE = re.compile(r"buiten|bui\b|out|ext|au(ss|ß)en|meteo|weer|weather|wetter", re.IGNORECASE)
 
 
 class ColumnEntry(Table):
@@ -244,6 +249,10 @@ def _record_of(
     zone = record.time_zone(columns.clock)
     seconds = stamps.seconds if stamps.zoned else outside.utc_of_local(table, stamps.seconds, zone, columns.time[0])
     step = outside.step_of(seconds) if seconds.size > 1 else record.SLOT_SECONDS
+    others = outside.of_another_step(seconds, step)
+    if others.size and any(canonical_unit(quantity, entry.unit) in JOULES for quantity, entry in columns.columns.items()):
+        problem = f"its step changes: most rows are {step / 60:g} min apart, others not, such as this one, and radiation is a sum over each"
+        table.refuse(f"{problem}. Export one step throughout.", int(others[0]), columns.time[0])
     ends = seconds + {"start": step, "middle": step // 2, "end": 0}["start" if stamps.length else columns.stamps]
     values: dict[str, record.FloatArray] = {}
     for quantity, entry in columns.columns.items():

@@ -70,8 +70,7 @@ class Means:
         def partial(cells: IntArray, seconds: IntArray) -> FloatArray:
             return np.asarray(values[cells] * seconds)
 
-        across = self._across(values * self._cell, partial)
-        return np.where(self._inside, values[self._first], across / self._duration)
+        return np.where(self._inside, values[self._first], (self._across(values * self._cell, partial)) / self._duration)
 
     def of_lines(self, nodes: FloatArray) -> FloatArray:
         """Means (n,) of the function that runs linearly from ``nodes[i]`` to ``nodes[i + 1]`` in cell i."""
@@ -108,8 +107,7 @@ class Means:
         running = np.concatenate(([0], np.cumsum(whole)))
         # Inside one cell there is nothing between; the caller takes its own value there.
         between = running[np.maximum(self._last, self._first)] - running[np.minimum(self._first + 1, self._last)]
-        head = whole[self._first] - partial(self._first, self._from)
-        return np.asarray(head + between + partial(self._last, self._to))
+        return np.asarray((whole[self._first] - partial(self._first, self._from)) + between + partial(self._last, self._to))
 
 
 def prepare(record: WeatherRecord, window: preprocessing.Window) -> preprocessing.Prepared:

@@ -62,8 +62,7 @@ def _five_minute_grid(record: WeatherRecord, first_slot: int, last_slot: int, co
     def line(hourly: FloatArray) -> FloatArray:
         # The node after the last slot belongs to the next slot; at the record's very end the last value is held.
         here, later = hourly[:-1, None], hourly[1:, None]
-        nodes = here + (later - here) * (np.arange(NODES_PER_SLOT) / NODES_PER_SLOT)
-        return np.append(nodes.ravel(), hourly[-1])
+        return np.append((here + (later - here) * (np.arange(NODES_PER_SLOT) / NODES_PER_SLOT)).ravel(), hourly[-1])
 
     def column(name: str) -> FloatArray:
         hourly = record.values(name, first_slot, last_slot + 1)

@@ -121,8 +121,12 @@ def test_times_whose_title_says_utc_are_utc(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("title", "begin"),
     [
-        *((title, "23:00") for title in ("time [UTC+1]", "time (UTC + 1)", "time (UTC+01:00)", "time GMT+0100")),
+        *(
+            (title, "23:00")
+            for title in ("time [UTC+1]", "time (UTC + 1)", "time (UTC+01:00)", "time GMT+0100", "time (Etc/GMT-1)", "time UTC (+1)")
+        ),
         *((title, "22:00") for title in ("time", "time (CET = UTC+1, summer UTC+2)", "time (UTC+1/+2)", "time (UTC+5:30)", "time (UTC+2)")),
+        *((title, "22:00") for title in ("time +/-1 min", "time, utc_offset+1")),
     ],
 )
 def test_an_offset_in_the_title_holds_all_year(tmp_path: Path, title: str, begin: str) -> None:
@@ -134,17 +138,32 @@ def test_an_offset_in_the_title_holds_all_year(tmp_path: Path, title: str, begin
     assert any("all year, as their title says" in note for note in export.notes) == (begin == "23:00" or title == "time (UTC+2)")
 
 
-def test_an_export_whose_step_changes_says_so(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("step", "other"), [(5, 10), (10, 5), (10, 15), (5, 15), (5, 30), (5, 60)])
+def test_an_export_whose_step_changes_says_so(tmp_path: Path, step: int, other: int) -> None:
+    """A sum over each row is refused: it would be divided by the length of another."""
     path = tmp_path / "weather.csv"
-    rows = [
-        *(f"2020-07-01 {i // 12:02d}:{i % 12 * 5:02d},{i}" for i in range(24)),
-        *(f"2020-07-01 02:{i:02d},{i}" for i in (0, 15, 30, 45)),
-    ]
+    minutes = [*range(0, 40 * step, step), *range(40 * step, 40 * step + 12 * other, other)]
+    rows = [f"2020-07-0{1 + minute // 1440} {minute % 1440 // 60:02d}:{minute % 60:02d},1" for minute in minutes]
     path.write_text("\n".join(["time,outdoor_temperature [degC]", *rows]))
     (note,) = read_export(path, WEATHER_UNITS, "Europe/Amsterdam").notes
-    assert "3 of 28 rows are not 5 min from the next, the first in line 26; sums are wrong there" in note
-    path.write_text("\n".join(["time,outdoor_temperature [degC]", *rows[:12], *rows[14:24]]))
+    assert f"its step changes: most rows are {step} min apart, others not, such as line 43" in note
+    path.write_text("\n".join(["time,global_radiation [J/cm2]", *rows]))
+    with pytest.raises(ArchiveError, match=r"its step changes: .*, and global_radiation is a sum over each\. Export one step throughout"):
+        read_export(path, WEATHER_UNITS, "Europe/Amsterdam")
+
+
+def test_lost_rows_are_no_change_of_step(tmp_path: Path) -> None:
+    path = tmp_path / "weather.csv"
+    rows = [f"2020-07-01 {i // 12:02d}:{i % 12 * 5:02d},{i}" for i in range(200) if i % 7 and i not in range(90, 97)]
+    path.write_text("\n".join(["time,global_radiation [J/cm2]", *rows]))
     assert read_export(path, WEATHER_UNITS, "Europe/Amsterdam").notes == ()
+
+
+def test_a_place_may_be_west_or_south(tmp_path: Path) -> None:
+    path = tmp_path / "weather.csv"
+    rows = [f"2020-07-01 00:{5 * i:02d},{i}" for i in range(9)]
+    path.write_text("\n".join(["# latitude: 36.8 S", "# longitude: 123,1° W", "# altitude: 5 m", "time,outdoor_temperature [degC]", *rows]))
+    assert read_export(path, WEATHER_UNITS, "UTC").place == {"latitude": -36.8, "longitude": -123.1, "altitude": 5.0}
 
 
 def test_an_unknown_clock_is_refused(tmp_path: Path) -> None:

@@ -82,6 +82,50 @@ def test_the_title_of_the_times_counts_before_what_stands_above(tmp_path: Path, 
     assert "its times have no offset" in doubt
 
 
+@pytest.mark.parametrize("title", ["time;Price [EUR/MWh] +/-5 %", "Accuracy: +/-2 EUR\ntime;Price [EUR/MWh]"])
+def test_a_tolerance_is_no_clock(tmp_path: Path, title: str) -> None:
+    rows = "".join(f"2010-06-01 {hour:02d}:00;{hour}.5\n" for hour in range(24))
+    assert utc(prices_of(tmp_path, f"{title}\n{rows}"))[0] == "06-01 00:00"
+
+
+def test_a_clock_of_the_zone_base_is_ahead(tmp_path: Path) -> None:
+    rows = "".join(f"2010-06-01 {hour:02d}:00;{hour}.5\n" for hour in range(24))
+    assert utc(prices_of(tmp_path, f"Zeit (Etc/GMT-1);Preis [EUR/MWh]\n{rows}"))[0] == "05-31 23:00"
+
+
+def test_stamps_of_digits_alone_are_no_milliseconds(tmp_path: Path) -> None:
+    for stamp, hours in (("2010060{day}0000", 24), ("201006010{day}", 1), ("201006010{day}30", 1)):
+        rows = "".join(f"{stamp.format(day=day)};{day}.5\n" for day in range(1, 5))
+        moments = prices_of(tmp_path, f"Tag (UTC);Gas [EUR/MWh]\n{rows}").seconds
+        assert (np.diff(moments) == hours * 3600).all()
+        assert str(np.datetime64(int(moments[0]), "s")).startswith("2010-06-01T0")
+
+
+@pytest.mark.parametrize(
+    ("titles", "day", "empty", "expected"),
+    [
+        (range(1, 26), "2010-10-31", (), range(25)),  # numbered: the 25th is the last
+        (range(1, 26), "2010-06-01", (24,), range(24)),
+        (range(1, 26), "2010-03-28", (23, 24), range(23)),
+        (range(1, 25), "2010-03-28", (23,), range(23)),  # the last is empty, not the third
+        (range(1, 25), "2010-03-28", (2,), (0, 1, *range(3, 24))),  # by the clock, as EPEX writes them
+        (range(24), "2010-03-28", (2,), (0, 1, *range(3, 24))),
+        (range(1, 25), "2010-10-31", (), (0, 1, 2, *range(2, 24))),
+    ],
+)
+def test_hours_in_columns_on_days_of_23_and_25(
+    tmp_path: Path, titles: range, day: str, empty: tuple[int, ...], expected: tuple[int, ...] | range
+) -> None:
+    cells = ["" if place in empty else f"{place}.0" for place in range(len(titles))]
+    text = "\n".join([";".join(["Fecha", *(f"H{hour}" for hour in titles)]), ";".join([day, *cells])])
+    path = tmp_path / "p.csv"
+    path.write_text(text)
+    prices = read_prices(path, "EUR MWh-1", clock="Europe/Madrid", file_unit="EUR/MWh")
+    assert prices.prices.tolist() == [float(one) for one in expected]
+    assert (np.diff(prices.seconds) == 3600).all()
+    assert not prices.doubts
+
+
 def test_times_that_may_be_local_are_doubted(tmp_path: Path) -> None:
     rows = [f"13-03-2010 {hour:02d}:00;{hour},5" for hour in range(24)]
     text = "\n".join(["Tijdstip;Prijs (EUR/MWh)", *rows])

@@ -57,12 +57,52 @@ def test_an_export_comes_in_through_its_map(tmp_path: Path, encoding: str) -> No
 
 @pytest.mark.parametrize(
     ("title", "clock"),
-    [("Zeit (UTC)", "UTC"), ("Zeit (UTC+1)", "Etc/GMT-1"), ("Zeit (UTC-5)", "Etc/GMT+5"), ("Zeit (UTC+1/+2)", "Europe/Amsterdam")],
+    [
+        ("Zeit (UTC)", "UTC"),
+        ("Zeit (UTC+1)", "Etc/GMT-1"),
+        ("Zeit (Etc/GMT-1)", "Etc/GMT-1"),
+        ("Zeit UTC (+1)", "Etc/GMT-1"),
+        ("Zeit (UTC-5)", "Etc/GMT+5"),
+        ("Zeit (UTC\u22125)", "Etc/GMT+5"),
+        ("Zeit (UTC\u20135)", "Etc/GMT+5"),
+        ("Zeit (UTC+1/+2)", "Europe/Amsterdam"),
+        ("Zeit +/-1 min", "Europe/Amsterdam"),
+    ],
 )
 def test_a_title_may_name_the_clock(tmp_path: Path, title: str, clock: str) -> None:
     rows = [f"2024-02-13 {i // 2:02d}:{30 * (i % 2):02d};3.0;80;2;0" for i in range(48)]
     path = export(tmp_path, f"{title};Temperature out [degC];Humidity out [%];Wind speed [m/s];Radiation [W/m2]", rows)
     assert guess_column_map(path)[0].clock == clock
+
+
+@pytest.mark.parametrize(("unit", "sums"), [("J/cm2", (6.0, 3.0)), ("W/m2", (100.0, 100.0))])
+def test_sums_over_rows_of_different_length_are_refused(tmp_path: Path, unit: str, sums: tuple[float, float]) -> None:
+    rows = [f"2024-02-13 {i // 6:02d}:{i % 6 * 10:02d};3.0;80;2;{sums[0]}" for i in range(72)]
+    rows += [f"2024-02-13 {12 + i // 12:02d}:{i % 12 * 5:02d};3.0;80;2;{sums[1]}" for i in range(36)]
+    path = export(tmp_path, f"time (UTC);Temperature out [degC];Humidity out [%];Wind speed [m/s];Radiation [{unit}]", rows)
+    columns = guess_column_map(path)[0]
+    if unit == "W/m2":
+        assert read_columns(path, columns, coordinates=(52.0, 4.4, 0.0)).period.startswith("2024-02-13 00:00")
+        return
+    with pytest.raises(WeatherError, match=r"row 75.*its step changes: most rows are 10 min apart, .*, and radiation is a sum over each"):
+        read_columns(path, columns, coordinates=(52.0, 4.4, 0.0))
+
+
+@pytest.mark.parametrize(
+    "titles",
+    [
+        "Wetterstation Temp;Wetterstation Feuchte;Wetterstation Wind;Wetterstation Strahlung;Abt. 1 Temp;Abt. 1 Feuchte",
+        "Outside temperature;Outside humidity;Outside wind speed;Outside radiation;Temp. Gew\u00e4chshaus;Humedad invernadero",
+        "Temp. ambiente;Humedad relativa;Viento;Radiaci\u00f3n global;Temp. invernadero;Humedad invernadero",
+        "Temperatur;Luftfeuchtigkeit;Windgeschwindigkeit;Globalstrahlung;Temp. Haus;Feuchte Haus",
+    ],
+)
+def test_titles_of_other_countries_are_those_outside(tmp_path: Path, titles: str) -> None:
+    units = ("\u00b0C", "%", "m/s", "W/m2", "\u00b0C", "%")
+    named = [f"{title} [{unit}]" for title, unit in zip(titles.split(";"), units, strict=True)]
+    rows = [f"2024-02-13 {i // 2:02d}:{30 * (i % 2):02d};3.0;80;2;0;20;70" for i in range(48)]
+    columns = guess_column_map(export(tmp_path, ";".join(["Datum", *named]), rows))[0].columns
+    assert [columns[one].column for one in ("air_temperature", "relative_humidity", "wind_speed", "global_radiation")] == named[:4]
 
 
 def test_the_clock_goes_back_and_forward(tmp_path: Path) -> None:

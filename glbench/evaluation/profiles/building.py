@@ -190,9 +190,7 @@ _KWH = {"kWh m-2": 1.0, "J m-2": 1 / JOULES_PER_KWH, "MJ m-2": 1e6 / JOULES_PER_
 
 def energy_columns(task: TaskSpec) -> tuple[str, ...]:
     """Of an energy system its flows and its level [kWh m-2; kg m-2], and the money of prices that change. Nothing where there is none."""
-    if lacks_energy(task.model_value):
-        return ()
-    return (*_AMOUNTS, _LEVEL, *(item.name for item in _changing(task)))
+    return () if lacks_energy(task.model_value) else (*_AMOUNTS, _LEVEL, *(item.name for item in _changing(task)))
 
 
 def _changing(task: TaskSpec) -> list[LedgerItem]:

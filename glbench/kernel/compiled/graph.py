@@ -73,8 +73,7 @@ class Graph:
 
     def source(self, name: str, index: int) -> int:
         """Node of element ``index`` of input ``name`` ("x", "u", "d" or "p", and those of the sensitivities)."""
-        level = Level.STATE if name in STATE_SOURCES else Level.INPUT
-        return self._intern(Node("input", source=name, index=index), level)
+        return self._intern(Node("input", source=name, index=index), Level.STATE if name in STATE_SOURCES else Level.INPUT)
 
     def is_constant(self, number: int, value: float | None = None) -> bool:
         """Whether the node is a constant (of that value, when given)."""
