@@ -161,8 +161,7 @@ def _season_numbers(scenario: Scenario, seeds: Sequence[int]) -> NDArray[np.int6
 
 def _days_late(scenario: Scenario, seeds: Sequence[int]) -> NDArray[np.int64]:
     """Days from the first possible day to the first day of each run."""
-    share = _episode_numbers(scenario, seeds, "start day", 1)[:, 0]
-    return (share * (scenario.start_within_days + 1)).astype(np.int64)
+    return (_episode_numbers(scenario, seeds, "start day", 1)[:, 0] * (scenario.start_within_days + 1)).astype(np.int64)
 
 
 @lru_cache(maxsize=1024)

@@ -566,7 +566,7 @@ def _by_amount(items: Iterable[LedgerItem]) -> tuple[LedgerItem, ...]:
 def _label(item: LedgerItem) -> str:
     """What an item is called."""
     entry = quantities.known_flow(item.flow, item.label)
-    return (entry and entry.label) or item.label.replace("CO2", "CO₂") or quantities.capitalised(item.name)
+    return (entry and entry.label) or f"{item.label.replace('CO2', 'CO₂') or quantities.capitalised(item.name)} {item.counted}".rstrip()
 
 
 def _amount_title(item: LedgerItem) -> str:

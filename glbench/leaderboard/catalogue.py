@@ -242,7 +242,7 @@ def _entry(item: LedgerItem) -> quantities.Entry | None:
 
 def _label(item: LedgerItem) -> str:
     entry = _entry(item)
-    return entry.label if entry else item.label or item.name
+    return entry.label if entry else f"{item.label or item.name} {item.counted}".rstrip()
 
 
 def _counted_words(name: str, profit: str, *, usual: bool, money: bool) -> dict[str, Any]:

@@ -137,8 +137,8 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
         factor, offset = factors[own]
         columns[name] = table.numbers(title, sentinels=(-999.0, -9999.0)) * JOULES.get(own, step * factor) / step + offset
     above = "\n".join(line for line in table.preamble if line.lstrip(' "').startswith("#"))
-    said = re.findall(r"#\s*(\w+)\s*:\s*([-+]?\d+(?:[.,]\d+)?)\s*°?\s*([SW]\b)?", above)
-    place = {key: float(words.replace(",", ".")) * (-1.0 if side else 1.0) for key, words, side in said}
+    comments = re.findall(r"#\s*(\w+)\s*:\s*([-+]?\d+(?:[.,]\d+)?)\s*°?\s*([SW]\b)?", above)
+    place = {key: float(words.replace(",", ".")) * (-1.0 if side else 1.0) for key, words, side in comments}
     notes = (*table.notes, *([f"columns that are not read: {'; '.join(unread)}"] if unread else []))
     begin = seconds - (step if stamps.ends else 0)
     return Export(path, begin, step, columns, table.lines, place, tuple(f"{path.name}: {note}." for note in notes))

@@ -70,6 +70,8 @@ class LedgerItem:
     """Heading of the amount in plots, where it is not ``label``."""
     goods: str = ""
     """What the price is of, in words, where it is not ``label``."""
+    counted: str = ""
+    """What headings say behind ``label``, such as "at full price"."""
     beyond: Beyond | None = None
     """Price of the rest when much has flowed; only with a flow that is metered and a price that is a number."""
 

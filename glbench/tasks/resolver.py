@@ -413,7 +413,7 @@ class ResolvedTask(TaskRecord):
         beyond = None if table.beyond is None else self._beyond(table, table.beyond, amount_unit, str(price_unit), entry)
         return LedgerItem(
             name, source, amount, amount_unit, table.factor, table.price, 1 if table.side == "earned" else -1,
-            label=f"{table.label or entry.label} {entry.counted}".rstrip(), valued=FLOW if kind == "flow" else STOCK,
+            label=table.label or entry.label, counted=entry.counted, valued=FLOW if kind == "flow" else STOCK,
             amount_meaning=_amount_in_words(entry.meaning, unit, amount_unit, table.factor), beyond=beyond,
         )  # fmt: skip
 

@@ -231,8 +231,7 @@ class _Slots:
             values = np.minimum(values, 8.0)
         if timing == "mean":
             return steps.of_constants(values[self.first - before :])
-        nodes = values if self.first > 0 else np.concatenate((values[:1], values))
-        return steps.of_lines(nodes)
+        return steps.of_lines(values if self.first > 0 else np.concatenate((values[:1], values)))
 
 
 def sines_over(place: Place, begin: int, slots: int) -> FloatArray:

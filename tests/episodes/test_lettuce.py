@@ -193,7 +193,7 @@ def test_a_record_is_recovered_and_replayed_to_the_bit(lettuce: Lettuce, tmp_pat
 def test_the_viewer_speaks_of_heads_and_not_of_fruit(lettuce: Lettuce) -> None:
     shown = shown_of(lettuce.episodes[:1])
     headings = [curve.heading for curve in shown.signals.curves]
-    assert {"Fresh mass of a head [g]", "Leaf area index [m² m⁻²]", "Revenue of the heads, summed [EUR m⁻²]"} <= set(headings)
+    assert {"Fresh mass of a head [g]", "Leaf area index [m² m⁻²]", "Revenue of the heads at full price, summed [EUR m⁻²]"} <= set(headings)
     assert "crop/head" in shown.signals.overview[0]
     words = card(shown)
     assert "heads 0.4 EUR each; CO₂ 0.08 EUR/kg; lamp electricity 0.04 to 0.08 EUR/kWh; heat 0.03 EUR/kWh" in words
