@@ -50,8 +50,7 @@ class ExactLinear:
         unit = float(np.ldexp(1.0, int(exponent) - _WEIGHT_BITS))
         scaled = wide / unit
         coarse = np.rint(scaled)
-        fine = np.rint(np.ldexp(scaled - coarse, _WEIGHT_BITS + 1))
-        return cls(coarse, fine, unit, bias.astype(np.float64))
+        return cls(coarse, np.rint(np.ldexp(scaled - coarse, _WEIGHT_BITS + 1)), unit, bias.astype(np.float64))
 
     def __call__(self, x: Floats) -> Floats:
         """``(rows, outputs)`` for ``x`` of shape ``(rows, inputs)``."""

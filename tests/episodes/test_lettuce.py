@@ -196,8 +196,8 @@ def test_the_viewer_speaks_of_heads_and_not_of_fruit(lettuce: Lettuce) -> None:
     assert {"Fresh mass of a head [g]", "Leaf area index [m² m⁻²]", "Revenue of the heads at full price, summed [EUR m⁻²]"} <= set(headings)
     assert "crop/head" in shown.signals.overview[0]
     words = card(shown)
-    assert "heads 0.4 EUR each; CO₂ 0.08 EUR/kg; lamp electricity 0.04 to 0.08 EUR/kWh; heat 0.03 EUR/kWh" in words
-    assert "heads per m²" in words
+    assert "heads at full price 0.4 EUR each; CO₂ 0.08 EUR/kg; lamp electricity 0.04 to 0.08 EUR/kWh; heat 0.03 EUR/kWh" in words
+    assert "heads at full price per m²" in words
     assert not [text for text in (words, *headings) if "fruit" in text.lower() or "tomato" in text.lower()]
 
 

@@ -110,6 +110,7 @@ def test_the_same_in_another_unit(tmp_path: Path, one: str, other: str, name: st
         ('[house]\nfloor_area = "50 000 m2"', "'50 000 m2': write number and unit, such as \"5 ha\""),
         ("[house]\nfloor_area = \"50'000 m2\"", "write number and unit"),
         ('[house]\nfloor_area = "50.000,5 m2"', "write 50000.5, not 50.000,5"),
+        ('[house]\nfloor_area = "200,000 m2"', "write 200000 or 200.000, not 200,000"),
         ('[house]\nfloor_area = "1e-3 m2"', "it must be from 1 to 10,000,000 m2"),
         (FLOOR + "gutter_height = 6,5", "line 3, 'gutter_height = 6,5': write 6.5, not 6,5"),
         (FLOOR + 'gutter_height = "6,5 m"', "'house.gutter_height': '6,5 m': write 6.5, not 6,5"),
