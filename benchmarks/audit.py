@@ -37,13 +37,14 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.integrate import ode
 
-from benchmarks.audit_weather import CO2, Array, Generator, Hourly, conserving, paper, saturation
+from benchmarks.audit_weather import CO2, Array, Generator, Hourly, NotCoveredError, conserving, paper, saturation
 from glbench.model import get_model
 
 Table = dict[str, Any]
 Run = tuple[Table, Array, Array, Array]  # how it ended, actions, rewards, final state
 
 ROOT, DIFFERS, CANNOT = Path(__file__).resolve().parents[1], 1, 2
+NOT_AUDITED = "the agent and what it saw, kernel, limits, times, sandbox, versions, machine, git, profile, episodes"
 AIR = ("air_temperature", "co2", "relative_humidity")  # degC, ppm, %
 
 TOLERANCE = 1e-9  # of the integration: relative, and as a share of the typical size of a state
@@ -66,10 +67,10 @@ def read_json(text: str | bytes) -> Any:
 
     def table(pairs: list[tuple[str, Any]]) -> Table:
         if twice := [key for key, count in Counter(key for key, _ in pairs).items() if count > 1]:
-            end(DIFFERS, f"the key '{twice[0]}' is there twice in one table")
+            end(DIFFERS, f"the key '{twice[0]}' appears twice in one table")
         return dict(pairs)
 
-    return json.loads(text, object_pairs_hook=table)
+    return json.loads(text, object_pairs_hook=table, parse_constant=lambda word: end(DIFFERS, f"a number is {word}"))
 
 
 def canonical(value: Any) -> str:
@@ -109,7 +110,7 @@ def read_record(path: Path) -> tuple[Table, Table, list[Run], str]:
         begins, counts = np.cumsum([0, *(len(part.rewards) for part in own)]).tolist(), [run["steps"], run["actions"]]
         if [int(part.first_step) - 1 for part in own] != begins[:-1] or [len(rewards), len(actions)] != counts:
             holds = f"{len(rewards)} rewards and {len(actions)} actions in parts that begin at {begins[:-1]}"
-            end(DIFFERS, f"run {run['seed']} has {counts[0]} steps and {counts[1]} actions, it says, and the record holds {holds}")
+            end(DIFFERS, f"run {run['seed']} claims {counts[0]} steps and {counts[1]} actions; the record holds {holds}")
         runs.append((run, actions.astype(np.float64), rewards, final))
     return provenance, read_json(texts["task.json"]), runs, sha.hexdigest()
 
@@ -298,7 +299,7 @@ class Task:
                 continue
             names = self.model.parameters.drawn_set(group["parameters"]) if isinstance(group["parameters"], str) else group["parameters"]
             if billed := {"pBoil", "thetaLampMax", "phiExtCo2", "aFlr"} & {*names}:
-                end(CANNOT, f"not covered: {', '.join(sorted(billed))} are drawn, by which amounts are counted")
+                end(CANNOT, f"not covered: the task draws {', '.join(sorted(billed))}, which amounts are computed from")
             followers = {one.name for one in self.model.table if set(names) & set(re.findall(r"\w+", one.formula))}
             if followers - {"cLeafMax"}:
                 end(CANNOT, f"not covered: {', '.join(followers)} follow from drawn parameters")
@@ -376,7 +377,10 @@ def compare(what: str, own: float, theirs: float, margin: float) -> float:
 def same(what: str, own: Any, theirs: Any) -> None:
     if own != theirs:
         ours, other = (said(json.loads(canonical(one))) for one in (own, theirs))
-        words = [", ".join([line for line in one if line not in two][:3]) or "nothing more" for one, two in ((ours, other), (other, ours))]
+        words = [
+            ", ".join([line.lstrip("=") for line in one if line not in two][:3]) or "nothing more"
+            for one, two in ((ours, other), (other, ours))
+        ]
         end(DIFFERS, f"{what}: expected {words[0]}; found {words[1]}"[:600])
 
 
@@ -416,10 +420,11 @@ def audit_run(task: Task, run: Run, metrics: Mapping[str, float], *, direct: boo
     return f"run {seed}: {step}, of the run within {score}, final state within {off:.1e} of its typical size (tolerance {STATES:.0e})"
 
 
-def plain(tables: Table) -> list[str]:
+def plain(tables: Table) -> dict[str, str]:
     """A task as its record has it: without words for people, that of the paper without units and what is not there, too."""
     own = [line for line in said(tables) if not re.match(r"(description|suites)\b", line)]
-    return sorted(re.sub(r"\.value=", "=", line) for line in own if tables["schema"] > 1 or not re.search(r"\.unit=|=None$", line))
+    own = [line for line in own if tables["schema"] > 1 or not re.search(r"\.unit=|=None$", line)]
+    return {key.removesuffix(".value"): re.sub(r"\.0$", "", value) for key, _, value in (line.partition("=") for line in own)}
 
 
 def audit(path: Path, most: int | None, task_file: str | None) -> Iterator[str]:
@@ -428,16 +433,19 @@ def audit(path: Path, most: int | None, task_file: str | None) -> Iterator[str]:
         end(CANNOT, "no run to audit: --runs must be at least 1")
     result = read_json(path.read_bytes())
     if not isinstance(result, dict) or (result.get("schema"), result.get("schema_version")) != ("glbench/result", 1) or not result["runs"]:
-        end(CANNOT, f"{path} is no result of glbench with runs, such as reports/results/Spring-v1/my_agent.json")
-    runs, agent, (name, digest, *_) = result["runs"], result["agent"], result["task"].values()
+        end(CANNOT, f"{path} is not a glbench result with runs, such as reports/results/Spring-v1/my_agent.json")
+    runs, agent, name, digest = result["runs"], result["agent"], result["task"]["id"], result["task"]["digest"]
     if result["task"].get("salt_commitment") or not result["record"]:
         end(CANNOT, "results of sealed rounds, and those without a record, are not covered")
     provenance, definition, recorded, content = read_record(path.with_name(result["record"]["file"]))
     lock, direct = tomllib.loads((ROOT / "tasks" / "lock.toml").read_text(encoding="utf-8")), provenance["agent"]["acts"] == "controls"
     tables, split = task_tables(task_file or name, Path()), result["task"].get("split")
-    if tables.get("id") != name or (task_file and name in lock):
-        end(CANNOT, f"the task file is of {tables.get('id')}, the result of {name}; without --task it is the published one")
-    same("the split", split in tables.get("splits", [None]), True)
+    if task_file and name in lock:
+        end(CANNOT, f"{name} is published: leave out --task")
+    if tables.get("id") != name:
+        end(CANNOT, f"the task file defines {tables.get('id')}, the result is of {name}")
+    if split not in tables.get("splits", [None]):
+        end(DIFFERS, f"the task has no split '{split}'")
     task, n, good, start = Task(tables, split), len(runs), sum(run["status"] == "ok" for run in runs), runs[0]["seed"]
     means = {name: math.fsum(run["metrics"][name] for run in runs) / n for name in runs[0]["metrics"]}
     summary = {"runs": n, "ok": good, "failed": n - good, "statuses": Counter(run["status"] for run in runs), "mean": means}
@@ -461,20 +469,17 @@ def audit(path: Path, most: int | None, task_file: str | None) -> Iterator[str]:
     theirs["runs"] = [{one: run[one] for one in own["runs"][0]} for run, *_ in recorded]
     same("the record", own, theirs | {"columns": provenance["agent"]["columns"]})
     same("privileged in the result", own["agent"]["privileged"], agent["privileged"])
-    asked = (tables["evaluation"]["first_seed"], tables["evaluation"]["runs"])
-    trial = (
-        "" if (start, n) == asked and split in (None, "test") else f"; the task asks for {asked[1]} from {asked[0]} on, of the test split"
-    )
-    yield f"{name}{f', {split} split' if split else ''}, agent {agent['name']}: {n} runs from {start} on{trial}"
+    first, asked = tables["evaluation"]["first_seed"], tables["evaluation"]["runs"]
+    trial = f"; the task asks for {asked} from {first} on" + (", of the test split" if split else "")
+    trial, many = "" if (start, n) == (first, asked) and split in (None, "test") else trial, "s" * (n > 1)
+    yield f"{name}{f', {split} split' if split else ''}, agent {agent['name']}: {n} run{many} from {start} on{trial}"
     for run, row in list(zip(recorded, runs, strict=True))[:most]:
         if row["status"] == "simulation_failed" or (row["status"] == "ok") != (row["steps"] == task.steps):
             end(CANNOT, f"run {row['seed']} is {row['status']} after {row['steps']} steps, which is not covered")
         same(f"what is said of run {row['seed']}", ["metrics", "reason", "seed", "status", "steps"], sorted(row))
         yield audit_run(task, run, row["metrics"], direct=direct)
-    yield (
-        f"not audited: {'fresh draws, ' if result.get('fresh_draws') else ''}the agent and what it saw, kernel, versions, profile, episodes"
-        + ("" if name in lock else ", digest of a task that is not published")
-    )
+    left = ["fresh draws"] * bool(result.get("fresh_draws")) + ["the digest of a task that is not published"] * (name not in lock)
+    yield f"not audited: {', '.join([*left, NOT_AUDITED])}"
     yield f"agrees ({len(runs[:most])} of {n} runs)"
 
 
@@ -488,7 +493,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for words in audit(options.result, options.runs and max(options.runs, 0), options.task):
             sys.stdout.write(words + "\n")
     except VerdictError as verdict:
-        code, words = verdict.args[0], verdict.args[1]
+        code, words = verdict.args
+    except NotCoveredError as error:
+        code, words = CANNOT, str(error)
     except Exception as error:  # whatever a strange file brings
         code, words = CANNOT, f"a file is missing, damaged, or not what it should be: {type(error).__name__}: {error}"
     if code:

@@ -25,6 +25,13 @@ CO2 = 101325.0 * 44.01e-3 / 8.3144598  # mg K m-3 of 1 ppm
 WINDOW, NEAREST, NEIGHBOURS, REST, SHORTEST, LONGEST = 12, 5, 10, 10, 4, 10  # of the blocks that seasons are made of
 
 
+class NotCoveredError(Exception):
+    """Weather that is not computed here."""
+
+    def __init__(self) -> None:
+        super().__init__("the first and the last day of a record are not covered")
+
+
 def saturation(t: Any, exp: Any = np.exp) -> Any:
     return 610.78 * exp(17.2694 * t / (t + 238.3))
 
@@ -83,8 +90,7 @@ def paper(hourly: Hourly, start: int, steps: int, step: int, ppm: Any) -> Array:
     begin, counts, *_ = hourly
     first, last = (start - begin) // 3600 - 24, -(-(start + steps * step - begin) // 86400) * 24 + 25
     if first < 0 or last > len(counts):
-        msg = "the first and the last day of a record are not covered"
-        raise ValueError(msg)
+        raise NotCoveredError
     fine, hours = np.arange((last - first - 1) * 12) / 12.0, (counts / COUNTS)[first:last]
     hours[:, 4] = sky_temperature(hours[:, 0], hours[:, 4] / 9.0)
     t, humidity, wind, radiation, sky = (np.interp(fine, np.arange(last - first), one) for one in hours.T)

@@ -58,9 +58,10 @@ _SAMPLE_LINES = 40
 _EXCEL_DAY = r"[2-7]\d{4}(?:[.,]\d+)?"  # From 1954 to 2119
 _EXCEL_EPOCH = -2209161600  # 1899-12-30 in seconds since 1970
 _UTC = r"(?<![A-Za-z])(?:UTC|GMT)"
-_AHEAD = r"\s*[(\[]?\s*([+-])\s*(\d\d?)(?::?00)?(?![.,:]?\d)"  # Behind it: +1, (+01:00), -0500
+_AHEAD = r"\s*[(\[]?\s*(\+\s*|-)(\d\d?)(?::?00)?(?![.,:]?\d|\s*(?:min|sec|%))"  # Behind it: +1, (+01:00), -0500
+_SUMMER = r"summer|sommer|zomer|verano|\bété\b|\bDST\b|\d\)\s*[A-Z][a-z]"  # Clocks with summer time; the last has cities
 _HYPHENS = str.maketrans("\u2212\u2013", "--")
-_MILLISECONDS = r"1\d{12}|(?!19|20)\d{12}"  # Since 1970; twelve digits may be 202403010030, too
+_SECONDS, _MILLISECONDS = r"(?!19\d\d[01]\d[0-3]\d)1?\d{9}", r"1\d{12}|(?!19|20)\d{12}"  # Since 1970; 199503010030 is a date
 _INTERVAL = re.compile(r"[\d)Z]\s+[-\u2013]\s+\d")
 _OF_DAY = re.compile(r"\b(uur|tijd|hour|time|stunde|heure)", re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[ '\u00a0\u202f]\d{3})*|\d{1,3}(?:[.,]\d{3})+)?(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
@@ -470,7 +471,7 @@ def time_titles(table: TextTable) -> tuple[str, ...]:
 
 def _counts_time(texts: Sequence[str]) -> bool:
     """Whether a column holds Excel's days, of which a midnight has no decimals, or Unix seconds."""
-    if re.fullmatch(rf"1?\d{{9}}|{_MILLISECONDS}", texts[0]):
+    if re.fullmatch(rf"{_SECONDS}|{_MILLISECONDS}", texts[0]):
         return True
     return re.fullmatch(_EXCEL_DAY, texts[0]) is not None and any(re.fullmatch(r"\d{5}[.,]\d+", text) for text in texts)
 
@@ -483,11 +484,11 @@ def says_utc(text: str) -> bool:
 
 def hours_ahead(text: str) -> int | None:
     """Hours that a clock is ahead of UTC all year by its title, 1 for ``time (UTC+1)``; ``None`` where it names none or several."""
-    text = "" if says_utc(text) else text.translate(_HYPHENS)
-    if re.search(rf"{_UTC}{_AHEAD}\s*/", text, re.IGNORECASE):  # UTC+1/+2, a clock with summer time
+    text = text.translate(_HYPHENS)
+    if says_utc(text) or re.search(_SUMMER, text, re.IGNORECASE) or len(re.findall(r"[+-]\s*\d", text)) > 1:
         return None
     named = re.findall(rf"(Etc/)?{_UTC}{_AHEAD}", text, re.IGNORECASE)  # Etc/GMT-1 is ahead of UTC
-    ahead = {int(sign + hours) * (-1 if zone else 1) for zone, sign, hours in named} & set(range(-12, 15))
+    ahead = {int(sign.strip() + hours) * (-1 if zone else 1) for zone, sign, hours in named} & set(range(-12, 15))
     return ahead.pop() if len(ahead) == 1 else None
 
 
@@ -518,7 +519,7 @@ def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None
 
 def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: DateOrder | None) -> Stamps:
     # counts: Excel's days on an unnamed clock, Unix seconds or milliseconds in UTC
-    for pattern, scale, offset, zoned in ((_EXCEL_DAY, DAY, _EXCEL_EPOCH, False), (r"1?\d{9}", 1, 0, True), (_MILLISECONDS, 1e-3, 0, True)):
+    for pattern, scale, offset, zoned in ((_EXCEL_DAY, DAY, _EXCEL_EPOCH, False), (_SECONDS, 1, 0, True), (_MILLISECONDS, 1e-3, 0, True)):
         if all(re.fullmatch(pattern, text) for text in texts):
             counts = [round(float(text.replace(",", ".")) * scale) + offset for text in texts]
             return Stamps(np.array(counts, dtype=np.int64), zoned)
@@ -665,7 +666,7 @@ def step_of(seconds: IntArray) -> int:
 
 
 def of_another_step(seconds: IntArray, step: int) -> IntArray:
-    """Rows from which on stamps are evenly another distance than ``step`` [s] apart, up to an hour, six times or more; gaps are not."""
+    """Rows from which on seven or more equal intervals, not of ``step`` [s] and up to an hour long, follow; single gaps do not count."""
     apart = np.diff(seconds)
-    again = (np.abs(apart - step) > step / 4) & (apart <= HOUR) & (np.diff(apart, prepend=0) == 0)
+    again = (np.abs(apart - step) > step / 4) & (apart > 0) & (apart <= HOUR) & (np.diff(apart, prepend=0) == 0)
     return np.flatnonzero(np.convolve(again, np.ones(6), "valid") == 6) if again.size > 6 else np.empty(0, np.int64)

@@ -68,7 +68,7 @@ def open_regular(path: Path) -> Iterator[IO[bytes]]:
 def decimal_point(text: str) -> str:
     """``"write 18.5, not 18,5"`` for a text with a number with a decimal comma; empty without one. A list such as ``1,2,3`` has none."""
     comma = _DECIMAL_COMMA.search(text)
-    whole = f"{comma[1]}{comma[2]} or " if comma and len(comma[2]) == 3 and comma[1].strip("-0") and "." not in comma[1] else ""
+    whole = f"{comma[1]}{comma[2]} or " if comma and len(comma[2]) == 3 and re.fullmatch(r"[+-]?[1-9]\d{0,2}", comma[1]) else ""
     return "" if comma is None else f"write {whole}{comma[1].replace('.', '')}.{comma[2]}, not {comma[0]}"
 
 

@@ -53,10 +53,12 @@ class HarvestRulesAgent(TunedRulesAgent):
     welcome = (*TunedRulesAgent.welcome, _SAMPLE)
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """As the tuned rules; ``SubmissionError``, too, for numbers that go by a sample where the task shows none."""
+        """As the tuned rules; also raises ``SubmissionError`` if ``harvest_mass`` is set and the task shows no sample."""
         super().reset(task, n_runs)
         if np.any(self._numbers.harvest_mass) and _SAMPLE not in task.observation_names:
-            refuse(f"{task.id} shows no '{_SAMPLE}', by which harvest_mass calls the crew. Set it to 0, or show samples.", SubmissionError)
+            refuse(
+                f"{task.id} does not show '{_SAMPLE}', which harvest_mass needs. Set harvest_mass to 0, or add samples.", SubmissionError
+            )
         self._sample = np.full(n_runs, np.nan)
         self._mass, self._age = np.zeros(n_runs), np.zeros(n_runs)
         self._weighed = np.zeros(n_runs, dtype=bool)

@@ -174,7 +174,9 @@ def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | No
     tasks = list(by_folder.values())
     if split != "test":
         if sealed is not None or split in ("training", "preview"):
-            why = "training and preview seasons are not scored: --split validation" if sealed is None else "a round has only a test"
+            why = (
+                "training and preview seasons are not scored. Use --split validation" if sealed is None else "a round has only a test split"
+            )
             refuse(f"--split {split} is not evaluated: {why}.", TaskError)
         return [task.in_split(split) for task in tasks]
     return tasks if sealed is None else [task.in_split("test", sealed.secret) for task in tasks]

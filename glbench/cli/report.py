@@ -116,7 +116,7 @@ def story(
             "--against",
             metavar="RESULT|AGENT",
             help="Another result file, or the name of an agent with a result in the same folder. "
-            f"Default: {_RULES}; of a task that shows the price of power {_ENERGY_RULES}, with a harvest {_HARVEST_RULES}.",
+            f"Default: {_RULES}; {_ENERGY_RULES} on tasks that show the price of power; {_HARVEST_RULES} on tasks with a harvest.",
         ),
     ] = None,
     page: Annotated[Path | None, typer.Option("--page", help="Write a page (.html) with tables and charts, too.")] = None,

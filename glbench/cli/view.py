@@ -145,8 +145,8 @@ def _episode(path: Path, run: str) -> Episode:
             print_warning(f"{path}: {episode.problem}. Shown is what is left of it.")
         return episode
     result = load_result(path)
-    log, task = recorded_actions(result, path), task_of_result(result, path)
-    (row,) = chosen_rows([run], log.seeds, result.values(task.evaluation.metric))
+    log = recorded_actions(result, path)
+    (row,) = chosen_rows([run], log.seeds, result.values(log.task().evaluation.metric))
     seed = result.runs[row].seed
     which = f"seed {seed}" if run.isdecimal() else f"seed {seed}, the {run} of {count(len(result.runs), 'run')}"
     tell(f"{result.agent.name}: {which}")
@@ -156,4 +156,4 @@ def _episode(path: Path, run: str) -> Episode:
         if episode.provenance == log.provenance:
             return episode
         print_warning(f"{file} is of another evaluation; the run is simulated again from its recorded actions.")
-    return next(iter(replayed_episodes(task, log, [row])))
+    return next(iter(replayed_episodes(task_of_result(result, path), log, [row])))

@@ -276,8 +276,7 @@ _BEFORE = 60.0
 def day_of_year(seconds: Floats) -> Floats:
     """Days since the start of the year, UTC, at ``seconds`` since 1970."""
     moments = np.floor(seconds).astype(np.int64).astype("datetime64[s]")
-    begin = moments.astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
-    return (seconds - begin) / 86400.0
+    return (seconds - moments.astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)) / 86400.0
 
 
 class WeatherObservation:

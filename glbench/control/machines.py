@@ -93,8 +93,7 @@ class Machines:
 
     def _moved(self, load: Floats, change: float, runs: NDArray[np.bool_]) -> Floats:
         """Load after a step: changed as far as it goes, the lowest where a machine starts, 0 where it does not run."""
-        moved = np.clip(load + change, self.lowest, 1.0)
-        return np.where(runs, np.where(load > 0.0, moved, self.lowest), 0.0)
+        return np.where(runs, np.where(load > 0.0, np.clip(load + change, self.lowest, 1.0), self.lowest), 0.0)
 
     def at_full_load(self, controls: Floats) -> Floats:
         """Controls ``(..., T, c)`` with all machines at full load: where plans with a schedule begin."""

@@ -50,8 +50,7 @@ def air_quantities(temperature: Any, co2_density: Any, vapour_pressure: Any) -> 
     def co2_and_humidity(temperature: Any, density: Any, pressure: Any) -> tuple[Any, Any]:
         # The benchmark caps relative humidity: air can be supersaturated for a moment, a hygrometer shows 100 %, also for NaN.
         humidity = relative_humidity(temperature, pressure)
-        capped = casadi.fmax(casadi.if_else(humidity < 100.0, humidity, 100.0), 0.0)
-        return co2_ppm(temperature, density), capped
+        return co2_ppm(temperature, density), casadi.fmax(casadi.if_else(humidity < 100.0, humidity, 100.0), 0.0)
 
     return (temperature, *with_simplification(co2_and_humidity, temperature, co2_density, vapour_pressure))
 

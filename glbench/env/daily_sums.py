@@ -47,5 +47,4 @@ def daily_sums(rates: Floats, hours: Floats, step_seconds: float) -> Floats:
 def _daily_share(hour_before: Any, hour: Any, step_seconds: float) -> tuple[Any, Any]:
     """Whether the sum so far counts (1, or 0 over midnight), and the seconds of the step that count."""
     passed = np.sign(np.maximum(hour_before - hour - HOURS_BACK, 0.0))
-    after = np.minimum(hour * SECONDS_AN_HOUR, step_seconds)
-    return 1.0 - passed, step_seconds + passed * (after - step_seconds)
+    return 1.0 - passed, step_seconds + passed * (np.minimum(hour * SECONDS_AN_HOUR, step_seconds) - step_seconds)

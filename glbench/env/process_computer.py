@@ -145,8 +145,7 @@ class _Step:
         s, installed = self.s, self.heat_installed
         heat = share(self.heating - self.measured.air_temperature, 0.0, s.heating_band)
         least = min(s.minimum_heat / installed, 1.0) if installed > 0.0 else 0.0
-        dim = share(self.measured.radiation, s.minimum_heat_radiation, 0.0)
-        return np.maximum(heat, least * self.too_humid * dim)
+        return np.maximum(heat, least * self.too_humid * share(self.measured.radiation, s.minimum_heat_radiation, 0.0))
 
     def _vents(self) -> Any:
         """The larger of the openings for temperature and humidity, approached slowly: a small opening cools a lot."""
@@ -158,8 +157,7 @@ class _Step:
         too_hot = share(air_temperature, self.ventilation, self.ventilation + band)
         position = np.maximum(too_hot, s.vent_gap * self.too_humid * warm)
         now, weight = self.controls[points.VENTS], 1.0 / (1.0 + s.vent_time * self.steps_an_hour)
-        near = below((position - now) * (position - now), _NEAR * _NEAR)
-        return select(near, position, now + weight * (position - now))
+        return select(below((position - now) * (position - now), _NEAR * _NEAR), position, now + weight * (position - now))
 
     def _dosing(self, moved: Mapping[str, Any]) -> Any:
         s = self.s
@@ -167,8 +165,7 @@ class _Step:
         light = share(self.measured.radiation, 0.0, s.co2_radiation)
         if points.LAMPS in moved:
             light = np.maximum(light, moved[points.LAMPS])
-        shut = share(moved[points.VENTS], s.co2_vents_off, s.co2_vents) if points.VENTS in moved else 1.0
-        return short * light * shut
+        return short * light * (share(moved[points.VENTS], s.co2_vents_off, s.co2_vents) if points.VENTS in moved else 1.0)
 
     def _lamps(self) -> Any:
         """On within the hours and while it is not too bright; the clock does not wait for the minimum time."""

@@ -59,8 +59,7 @@ def highest_co2_density(horizon: Horizon) -> float:
     dose = p["phiExtCo2"] / p["aFlr"]  # mg m-2 s-1
     gathered = dose * horizon.steps * horizon.step_seconds / p["capCo2Air"]
     leak = (1.0 - p["cLeakTop"]) * p["cLeakage"] * p["minWind"]  # m3 m-2 s-1
-    excess = min(gathered, dose / leak) if leak > 0.0 else gathered
-    return round_up(excess + _RESPIRED_CO2 + 1.0e4)
+    return round_up((min(gathered, dose / leak) if leak > 0.0 else gathered) + _RESPIRED_CO2 + 1.0e4)
 
 
 def highest_co2_ppm(horizon: Horizon) -> float:

@@ -120,8 +120,7 @@ def plant(u: Record, p: Record) -> Plant:
     h_boil, h_chp = heat_made(u, p.p_boil / p.a_flr, p)
     q_made = u.u_chp * p.p_chp_el
     gas = h_boil / p.eta_boil + q_made / p.eta_chp_el
-    used = climate.q_lamp_in + climate.q_int_lamp_in
-    return Plant(gas, h_boil, h_chp, q_made, used, p.co2_gas * gas, climate.mc_ext_air)
+    return Plant(gas, h_boil, h_chp, q_made, climate.q_lamp_in + climate.q_int_lamp_in, p.co2_gas * gas, climate.mc_ext_air)
 
 
 def to_pipes(x: EnergyState, u: Record, p: EnergyParameters) -> Expr:

@@ -280,8 +280,7 @@ def _electricity(step: Step) -> Expr:
 def _lamp_light(step: Step) -> Expr:
     """Photons of PAR from the lamps [mol m-2]."""
     p = step.parameters
-    photons = p.eta_lamp_par * p.zeta_lamp_par * p.theta_lamp_max
-    return step.controls.u_lamp * (photons * step.seconds * MOL_PER_UMOL)
+    return step.controls.u_lamp * ((p.eta_lamp_par * p.zeta_lamp_par * p.theta_lamp_max) * step.seconds * MOL_PER_UMOL)
 
 
 def _co2_dosed(step: Step) -> Expr:

@@ -66,7 +66,7 @@ class Step(NamedTuple):
 class Flow:
     """An amount per m2 of floor that is used, made or harvested in a control step: what a ledger can price.
 
-    ``label`` is the heading in tables and plots, to which ``counted`` adds how, such as "at full price". ``amount`` is that of a step, of
+    ``label`` is the heading in tables and plots, where ``counted`` follows it, such as "at full price". ``amount`` is that of a step, of
     numbers, arrays or CasADi's symbols: it is recorded for the kernel. It may use arithmetic, powers, comparisons, ``np.minimum``,
     ``np.maximum``, ``np.sign``, and ``exp``, ``sqrt`` and ``if_else`` of ``glbench.model.expressions``. ``potential`` is the amount at the
     rate that the parameters allow at best, where there is one: what a profit can be scaled by. ``total`` is the amount since the start,

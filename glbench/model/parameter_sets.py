@@ -129,8 +129,7 @@ class ParameterValues:
         p = np.asarray(parameters, dtype=np.float64)
         if p.ndim == 0 or p.shape[-1] != len(self.table):
             refuse(f"Parameters have shape {p.shape}; expected ({len(self.table)},) or (n, {len(self.table)}).", ShapeError)
-        columns = self.formulas(self.record(*np.moveaxis(p, -1, 0)))
-        return np.stack(columns, axis=-1)
+        return np.stack(self.formulas(self.record(*np.moveaxis(p, -1, 0))), axis=-1)
 
     def info(self, name: str) -> ParameterInfo:
         """Row of the table. Raises ``UnknownNameError`` when there is no such parameter; the message names the nearest."""

@@ -113,8 +113,8 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
         table.refuse(problem + "Sort the rows by time, and take out those that are there twice.", int(late[0]) + 1, time[0])
     others = outside.of_another_step(seconds, step)
     if others.size:
-        problem = f"its step changes: most rows are {step / 60:g} min apart, others not, such as line {table.lines[others[0]]}"
-        table = replace(table, notes=(*table.notes, f"{problem}. What these do not cover counts as missing. Export one step throughout"))
+        problem = f"its step changes: most rows are {step / 60:g} min apart, but not those around line {table.lines[others[0]]}"
+        table = replace(table, notes=(*table.notes, f"{problem}. Times that no row covers count as missing. Export one step throughout"))
     columns: dict[str, FloatArray] = {}
     unread = []
     for title in (title for title in table.titles if title not in time):
@@ -133,12 +133,13 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
             problem += f". Write one of {', '.join(f'{name} [{one}]' for one in factors)}."
             table.refuse(problem, None, title)
         if own in JOULES and others.size:
-            table.refuse(f"{problem}, and {name} is a sum over each. Export one step throughout.", None, title)
+            table.refuse(f"{problem}, and {name} is a sum over each row. Export one step throughout.", None, title)
         factor, offset = factors[own]
         columns[name] = table.numbers(title, sentinels=(-999.0, -9999.0)) * JOULES.get(own, step * factor) / step + offset
     above = "\n".join(line for line in table.preamble if line.lstrip(' "').startswith("#"))
     comments = re.findall(r"#\s*(\w+)\s*:\s*([-+]?\d+(?:[.,]\d+)?)\s*°?\s*([SW]\b)?", above)
-    place = {key: float(words.replace(",", ".")) * (-1.0 if side else 1.0) for key, words, side in comments}
+    place = {key: float(words.replace(",", ".")) for key, words, _ in comments}
+    place |= {key: -abs(place[key]) for key, _, side in comments if side and key in ("latitude", "longitude")}
     notes = (*table.notes, *([f"columns that are not read: {'; '.join(unread)}"] if unread else []))
     begin = seconds - (step if stamps.ends else 0)
     return Export(path, begin, step, columns, table.lines, place, tuple(f"{path.name}: {note}." for note in notes))

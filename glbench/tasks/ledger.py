@@ -71,7 +71,7 @@ class LedgerItem:
     goods: str = ""
     """What the price is of, in words, where it is not ``label``."""
     counted: str = ""
-    """What headings say behind ``label``, such as "at full price"."""
+    """Words that follow ``label`` in headings, such as "at full price"."""
     beyond: Beyond | None = None
     """Price of the rest when much has flowed; only with a flow that is metered and a price that is a number."""
 

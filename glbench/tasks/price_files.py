@@ -215,20 +215,19 @@ def _days_of_hours(table: outside.TextTable, titles: list[str], zone: ZoneInfo) 
         again = int(np.setdiff1d(np.arange(dates.size), first)[0])
         table.refuse(f"{visible(table.texts(table.titles[0])[again])} appears twice. Keep one row for each day.", again, table.titles[0])
     columns, hours = {title: table.numbers(title) for title in titles}, [_EPEX_HOUR.fullmatch(title).groups() for title in titles]  # type: ignore[union-attr]
-    lowest = min(int(hour) for hour, _ in hours)
+    lowest, numbered = min(int(hour) for hour, _ in hours), len(titles) == 25 and not any(part for _, part in hours)
     rows: list[tuple[int, float]] = []
     for row in np.argsort(dates, kind="stable").tolist():
-        begin, end = (outside.utc_of_local(table, dates[row : row + 1] + day, zone, table.titles[0])[0] for day in (0, outside.DAY))
-        length, prices = int(end - begin) // outside.HOUR, [float(columns[title][row]) for title in titles]
-        present = []
-        for (hour, part), price in zip(hours, prices, strict=True):
-            third = int(hour) - lowest == 2  # skipped in spring, twice in autumn
-            if length == 25 or part.upper() != "B":
-                present += [price] * (0 if length == 23 and third else 2 if length == 25 and third and not part else 1)
-        numbered = len(titles) == 25 and not any(part for _, part in hours)  # 1 to 23, 24 or 25, whatever the clock does
-        if numbered or (length == 23 and np.isnan(prices[-1]) and not np.isnan(prices[2])):
-            present = prices[:length]
-        rows += [(int(begin) + outside.HOUR * i, price) for i, price in enumerate(present)]
+        begin, end = (int(outside.utc_of_local(table, dates[row : row + 1] + day, zone, table.titles[0])[0]) for day in (0, outside.DAY))
+        moments, prices = range(begin, end, outside.HOUR), [float(columns[title][row]) for title in titles]
+        by_clock = {(int(hour) - lowest, part.upper()): price for (hour, part), price in zip(hours, prices, strict=True)}
+        local = [dt.datetime.fromtimestamp(moment, zone).hour for moment in moments]
+        parts = ["B" if hour in local[:place] else "A" for place, hour in enumerate(local)]  # B: the hour comes again
+        present = [by_clock.get((hour, part), by_clock.get((hour, ""), np.nan)) for hour, part in zip(local, parts, strict=True)]
+        skipped = [price for hour, price in by_clock.items() if hour[0] not in local and not np.isnan(price)]
+        if numbered or (len(local) == len(titles) - 1 and skipped and np.isnan(prices[-1])):  # numbers, whatever the clock does
+            present = prices[: len(local)]
+        rows += zip(moments, present, strict=True)
     return np.array([moment for moment, _ in rows], dtype=np.int64), np.array([price for _, price in rows])
 
 

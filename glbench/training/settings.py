@@ -111,8 +111,7 @@ class EvaluationPlan(FrozenSettings):
         forecast = task.observation.forecast
         is_guessed = forecast is not None and forecast.error != PERFECT
         errs = is_guessed or any((task.sensors, task.outdoor_sensors, task.actuators, task.samples, task.camera))
-        runs = self.runs if is_drawn or seasons_differ or errs else 1
-        return list(range(self.first_seed, self.first_seed + runs))
+        return list(range(self.first_seed, self.first_seed + (self.runs if is_drawn or seasons_differ or errs else 1)))
 
 
 class Accrual(FrozenSettings):

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from glbench.episodes import ActionLog, Episode, read_episode, read_log
-from glbench.episodes.header import PARTS, definition_json, task_of
+from glbench.episodes.header import PARTS, task_of
 from glbench.errors import EpisodeError, GlbenchError, ResultError, TaskError
 from glbench.evaluation import Result
 from glbench.evaluation.files import load_with_bytes
@@ -18,6 +18,7 @@ from glbench.evaluation.saving import run_facts
 from glbench.registration import task_ids
 from glbench.resources import data_folder, is_released
 from glbench.tasks import Round, TaskSpec, get_task
+from glbench.tasks.digest import PROSE
 from glbench.verification.proof import Agreement, cannot_tell, refute
 
 _MOST_STEPS = 600_000
@@ -153,8 +154,9 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
         refute("other_task_version", reason)
     if log.provenance.task.parts != parts or log.provenance.task.start != task.weather.start.isoformat():
         refute("record_of_other_task", "The record names digests of the task's parts, or a first day, that are not the task's.")
-    if definition_json(task_of(log.definition)) != definition_json(task):
-        refute("definition", f"The record defines another task than {task.id}, or describes it in other words.")
+    recorded, defined = ({k: v for k, v in one.attachment().items() if k not in PROSE} for one in (task_of(log.definition), task))
+    if recorded != defined:
+        refute("definition", f"The task definition in the record is not that of {task.id}.")
     facts, claims = (task.title, task.steps, task.step_seconds), result.task
     if facts != (claims.title, claims.steps, claims.step_seconds):
         refute("task_facts", f"The task's title, steps or step length are not those of {task.id}.")

@@ -47,7 +47,7 @@ class Encoder:
     def features(self, pictures: NDArray[np.uint8]) -> Floats:
         """Features of pictures of shape (n, height, width, 3): numbers from -1 to 1, shape (n, features). ``ValueError`` for others."""
         if pictures.ndim != 4 or pictures.shape[3] != 3 or pictures.dtype != np.uint8:
-            refuse(f"Pictures need the shape (n, height, width, 3) and whole numbers of 8 bits; here {pictures.shape} of {pictures.dtype}.")
+            refuse(f"Pictures must be uint8 of shape (n, height, width, 3), not {pictures.dtype} of shape {pictures.shape}.")
         signal = pictures.astype(np.float32) / 255 - 0.5
         for kernel, bias in zip(self.kernels, self.biases, strict=True):
             framed = np.pad(signal, ((0, 0), (1, 1), (1, 1), (0, 0)))

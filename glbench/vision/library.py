@@ -82,7 +82,7 @@ class Library:
             arrays.check_format(_FORMAT)
             crop = arrays.text("crop")
             if crop not in TRUTH:
-                refuse(f"its crop is '{crop}', and not one of {', '.join(TRUTH)}")
+                refuse(f"its crop is '{crop}', not one of {', '.join(TRUTH)}")
             truth = {name: arrays.floats(name, 1) for name in TRUTH[crop]}
             return cls(
                 crop=crop, truth=truth, digest=digest, columns=arrays.texts("columns"), features=arrays.floats("features", 2),
@@ -97,14 +97,14 @@ class Library:
     def plants(self, role: Role) -> NDArray[np.bool_]:
         """Which scenes have the plants for training and validation, for tests, or for the encoder alone, shape (scenes,)."""
         if role not in ROLES:
-            refuse(f"No plants are for '{role}'. Choose one of {', '.join(ROLES)}; validation shows those of training.")
+            refuse(f"There are no plants for '{role}'. Choose one of {', '.join(ROLES)}; validation shows those of training.")
         return np.asarray(self.roles == ROLES.index(role))
 
     def pick(self, mass: Floats, variation: Floats, light: Floats, role: Role = "training") -> Integers:
         """Index of the scene nearest to each ``mass`` [g], of the variation and light that draws in [0, 1) choose. All shapes (n,).
 
         Only variations for this ``role`` are picked. Beyond the lightest and heaviest scene these two are shown. Raises
-        ``ValueError`` for a mass below 0, a draw outside [0, 1), another role, and of rows of tomatoes.
+        ``ValueError`` for a mass below 0, a draw outside [0, 1), an unknown role, or a library of tomatoes.
         """
         if "mass" not in self.truth or role not in ROLES:
             self.plants(role)
@@ -113,7 +113,7 @@ class Library:
         for name, draw, most in (("mass", mass, np.inf), ("variation", variation, 1.0), ("light", light, 1.0)):
             if (outside := ~((draw >= 0.0) & (draw < most))).any():
                 row = int(np.argmax(outside))
-                refuse(f"Number {row} of the {name} is {draw.flat[row]}: it has to be at least 0 and below {most:g}.")
+                refuse(f"{name}[{row}] is {draw.flat[row]}: it must be at least 0, and {'finite' if name == 'mass' else 'below 1'}.")
         masses, table = self._tables[role]
         nearest = np.searchsorted((masses[1:] + masses[:-1]) / 2, mass)
         _, variations, lights = table.shape
@@ -127,7 +127,7 @@ class Library:
         """
         if np.ndim(states) != 2 or np.shape(states)[1] != len(self.truth) or not np.isfinite(states).all() or light not in self.lights:
             lights = int(self.lights.max())
-            refuse(f"States need the shape (n, {len(self.truth)}), by {', '.join(self.truth)}, and no gaps; a light is 0 to {lights}.")
+            refuse(f"States must be finite, of shape (n, {len(self.truth)}): {', '.join(self.truth)}; a light is 0 to {lights}.")
         rows = np.unique(self.seeds[self.plants("test")])
         scenes = np.flatnonzero((self.seeds == rows[variation % len(rows)]) & (self.lights == light))
         table = np.stack([values[scenes] for values in self.truth.values()], axis=-1)
@@ -141,7 +141,7 @@ class Library:
     def image(self, index: int) -> NDArray[np.uint8]:
         """The picture of a scene (sRGB), shape (height, width, 3). Raises ``GlbenchError`` without the package pillow or that scene."""
         if not 0 <= index < len(self.seeds):
-            refuse(f"There is no scene {index}: they count from 0 to {len(self.seeds) - 1}.", GlbenchError)
+            refuse(f"There is no scene {index}: scenes are numbered 0 to {len(self.seeds) - 1}.", GlbenchError)
         require("A picture of the library", "vision", "PIL")
         from PIL import Image
 

@@ -64,14 +64,14 @@ EXPECTED_HEADER = (
 REQUIRED_KEYS = ("latitude", "longitude", "altitude", "timezone")
 TEXT_KEYS = ("station", "source", "licence")
 _INSIDE = r"kas|greenhouse|indoor|inside|binnen|innen|set|wens|berekend|calc|bodem|soil|pijp|pipe|rail|water|blad|leaf|gewas|crop|cpu"
-_INSIDE += r"|\babt|gew[äa]e?chsh|\bhaus\b|invernadero|\bserre\b|interior"
+_INSIDE += r"|\babt|gew[äa]e?chsh|\bhaus\b|treibhaus|invernadero|\bserre\b|interior|suelo|\bdu sol\b|boden|blatt"
 _INSIDE += r"|\bafd|compartment|stook|heat|verwarm|scherm|screen|mat\b|buffer|ketel|boiler"
 _GUESSES: Mapping[str, tuple[str, str]] = {
     "relative_humidity": (
-        r"\brv\b|\brh\b|rv.?bui|rel.*hum|humid|vocht|feucht|humed|hygrom|\bhr\b|\bhum(\b|out|ext)",
+        r"\brv\b|\brh\b|rv.?bui|rel.*hum|humid|vocht|feucht(?!e?.?(temp|kugel|therm))|humed|hygrom|^hr.?(ext|out|rel)|\bhum(\b|out|ext)",
         rf"{_INSIDE}|abs|defi[cz]it|vpd|\bvd\b",
     ),
-    "wind_speed": (r"wind|\bwsn|vent\b|viento|^ws$", rf"{_INSIDE}|dir|richting|gust|stoot|window|luwe|raam|zijde|(?<!out)side|roof|lee"),
+    "wind_speed": (r"wind|\bwsn|vent\b|viento|^ws$", rf"{_INSIDE}|dir|richt[iu]ng|gust|stoot|window|luwe|raam|zijde|(?<!out)side|roof|lee"),
     "sky_infrared": (r"pyrgeo|long.?wave|infrared|langwel", rf"{_INSIDE}|net|up"),
     "sky_temperature": (r"sky.?temp|hemeltemp", _INSIDE),
     "cloud_cover": (r"cloud|bewolk|wolken|nubos|\boctants\b", _INSIDE),
@@ -79,7 +79,10 @@ _GUESSES: Mapping[str, tuple[str, str]] = {
         r"straling|radiation|strahlung|solar|pyrano|glob|\bghi\b|irradi|rayonn|radiaci|^rad$|^sun|zon",
         rf"{_INSIDE}|uitstraling|\bnet|long|diff|direct|\bdni\b|\bdhi\b",
     ),
-    "air_temperature": (r"temp|tair|tout|\bt (air|out)|t.?bui|^t$|\bta\b|dry.?bulb", rf"{_INSIDE}|dauw|dew|\bwet(?!ter)|natte|sky|hemel"),
+    "air_temperature": (
+        r"temp|tair|tout|\bt (air|out)|t.?bui|^t$|\bta\b|dry.?bulb",
+        rf"{_INSIDE}|dauw|dew|\bwet(?!ter)|natte|feucht|sky|hemel",
+    ),
 }
 """What titles of each quantity look like, and what rules them out; in lower case. The first that fits is taken."""
 
@@ -251,7 +254,9 @@ def _record_of(
     step = outside.step_of(seconds) if seconds.size > 1 else record.SLOT_SECONDS
     others = outside.of_another_step(seconds, step)
     if others.size and any(canonical_unit(quantity, entry.unit) in JOULES for quantity, entry in columns.columns.items()):
-        problem = f"its step changes: most rows are {step / 60:g} min apart, others not, such as this one, and radiation is a sum over each"
+        problem = (
+            f"its step changes: most rows are {step / 60:g} min apart, but not those around this row, and radiation is a sum over each"
+        )
         table.refuse(f"{problem}. Export one step throughout.", int(others[0]), columns.time[0])
     ends = seconds + {"start": step, "middle": step // 2, "end": 0}["start" if stamps.length else columns.stamps]
     values: dict[str, record.FloatArray] = {}

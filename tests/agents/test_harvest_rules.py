@@ -65,7 +65,7 @@ def test_rules_that_go_by_a_sample_need_one() -> None:
     )
     HarvestRulesAgent([numbers()]).reset(without, 1)
     with pytest.raises(
-        SubmissionError, match=r"test/NoSample-v1 shows no 'mean_head_mass', by which harvest_mass calls the crew\. Set it to 0"
+        SubmissionError, match=r"test/NoSample-v1 does not show 'mean_head_mass', which harvest_mass needs\. Set harvest_mass to 0"
     ):
         HarvestRulesAgent([numbers(mass=360.0)]).reset(without, 1)
 

@@ -126,7 +126,8 @@ def test_times_whose_title_says_utc_are_utc(tmp_path: Path) -> None:
             for title in ("time [UTC+1]", "time (UTC + 1)", "time (UTC+01:00)", "time GMT+0100", "time (Etc/GMT-1)", "time UTC (+1)")
         ),
         *((title, "22:00") for title in ("time", "time (CET = UTC+1, summer UTC+2)", "time (UTC+1/+2)", "time (UTC+5:30)", "time (UTC+2)")),
-        *((title, "22:00") for title in ("time +/-1 min", "time, utc_offset+1")),
+        *((title, "22:00") for title in ("time +/-1 min", "time, utc_offset+1", "time UTC+1 DST", "time UTC - 10 min")),
+        *((title, "22:00") for title in ("(UTC+01:00) Amsterdam, Berlin, Bern", "time (UTC+1, +2 in summer)", "time (UTC+1|+2)")),
     ],
 )
 def test_an_offset_in_the_title_holds_all_year(tmp_path: Path, title: str, begin: str) -> None:
@@ -146,9 +147,9 @@ def test_an_export_whose_step_changes_says_so(tmp_path: Path, step: int, other: 
     rows = [f"2020-07-0{1 + minute // 1440} {minute % 1440 // 60:02d}:{minute % 60:02d},1" for minute in minutes]
     path.write_text("\n".join(["time,outdoor_temperature [degC]", *rows]))
     (note,) = read_export(path, WEATHER_UNITS, "Europe/Amsterdam").notes
-    assert f"its step changes: most rows are {step} min apart, others not, such as line 43" in note
+    assert f"its step changes: most rows are {step} min apart, but not those around line 43" in note
     path.write_text("\n".join(["time,global_radiation [J/cm2]", *rows]))
-    with pytest.raises(ArchiveError, match=r"its step changes: .*, and global_radiation is a sum over each\. Export one step throughout"):
+    with pytest.raises(ArchiveError, match=r"its step changes: .*, and global_radiation is a sum over each row\. Export one step throughout"):
         read_export(path, WEATHER_UNITS, "Europe/Amsterdam")
 
 

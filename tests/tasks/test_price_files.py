@@ -126,6 +126,26 @@ def test_hours_in_columns_on_days_of_23_and_25(
     assert not prices.doubts
 
 
+@pytest.mark.parametrize(("zone", "place"), [("Europe/London", 1), ("Europe/Madrid", 2), ("Europe/Helsinki", 3)])
+def test_the_hour_that_a_clock_skips_or_repeats_is_its_own(tmp_path: Path, zone: str, place: int) -> None:
+    path = tmp_path / "p.csv"
+    titles, spring = ";".join(["Date", *(f"Hour {hour}" for hour in range(1, 25))]), ["" if i == place else f"{i}.0" for i in range(24)]
+    path.write_text("\n".join([titles, ";".join(["2010-03-28", *spring]), ";".join(["2010-10-31", *(f"{i}.0" for i in range(24))])]))
+    prices = read_prices(path, "EUR MWh-1", clock=zone, file_unit="EUR/MWh")
+    assert prices.prices.tolist()[:23] == [float(i) for i in range(24) if i != place]
+    assert prices.prices.tolist()[23:] == [float(i) for i in sorted([*range(24), place])]
+
+
+def test_the_second_of_two_hours_may_have_a_column(tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    titles = ["Date", "H1", "H2", "H3", "H3B", *(f"H{hour}" for hour in range(4, 25))]
+    days = {"2010-10-31": range(25), "2010-11-01": [0, 1, 2, "", *range(4, 25)]}
+    path.write_text("\n".join([";".join(titles), *(";".join([day, *map(str, cells)]) for day, cells in days.items())]))
+    prices = read_prices(path, "EUR MWh-1", clock="Europe/Madrid", file_unit="EUR/MWh")
+    assert prices.prices.tolist() == [*map(float, range(25)), 0.0, 1.0, 2.0, *map(float, range(4, 25))]
+    assert (np.diff(prices.seconds) == 3600).all()
+
+
 def test_times_that_may_be_local_are_doubted(tmp_path: Path) -> None:
     rows = [f"13-03-2010 {hour:02d}:00;{hour},5" for hour in range(24)]
     text = "\n".join(["Tijdstip;Prijs (EUR/MWh)", *rows])

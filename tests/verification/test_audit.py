@@ -70,8 +70,8 @@ def test_an_honest_result_agrees(made, capsys):
     assert "run 10003: 96 steps" in words
     assert "run 10004: 96 steps" in words
     assert words.startswith("test/SpringDay-v1, test split, agent wavy: 2 runs from 10003 on\n")
-    assert "\nnot audited: the agent and what it saw, " in words
-    assert words.endswith(", digest of a task that is not published\nagrees (2 of 2 runs)\n")
+    assert "\nnot audited: the digest of a task that is not published, the agent and what it saw, " in words
+    assert words.endswith(", profile, episodes\nagrees (2 of 2 runs)\n")
 
 
 def test_only_runs_that_were_audited_agree(made, capsys):
@@ -90,10 +90,27 @@ def test_an_honest_result_on_the_paper_s_weather_agrees(made, capsys, agent):
     assert ("17 steps" if agent == "failing" else "24 steps") in words
 
 
+def test_whole_numbers_in_a_task_file_are_those_of_the_record(made, capsys):
+    """And its keys may come in another order, its words be others: neither is in the digest."""
+    whole = made / "whole.toml"
+    whole.write_text(
+        'base = "day.toml"\nid = "test/Whole-v1"\ntitle = "Whole numbers"\ndescription = "Other words."\n'
+        "uncertainty.delta = 0\nprices.heat.value = 1\ninitial_state.air_temperature.value = 18\n"
+    )
+    evaluate(get_task(whole), made / "wavy.py", out=made / "reports", episodes="none")
+    result = result_path(made / "reports", "test/Whole-v1", "wavy")
+    whole.write_text(whole.read_text().replace("Other words.", "Words that were found later."))
+    code, words = audited(result, made, capsys, task="whole")
+    assert code == 0, words
+    assert find_task(load_result(result), read_log(record_of(result)), whole).id == "test/Whole-v1"
+
+
 def test_co2_that_wanders_on_the_paper_s_weather(made, capsys):
     code, words = audited(result_path(made / "reports" / "trials", "test/PaperSky-v1", "wavy"), made, capsys, task="papersky")
     assert code == 0, words
-    assert words.startswith("test/PaperSky-v1, test split, agent wavy: 1 runs from 10003 on; the task asks for 2 from 10003 on")
+    assert words.startswith(
+        "test/PaperSky-v1, test split, agent wavy: 1 run from 10003 on; the task asks for 2 from 10003 on, of the test split"
+    )
 
 
 def differs(result: Path, made: Path, capsys: pytest.CaptureFixture[str], *words: str, task: str = "springday") -> None:
@@ -135,7 +152,7 @@ def test_an_action_that_is_not_allowed(forged, made, capsys):
 
 def test_a_final_state_that_is_cut(forged, made, capsys):
     rewrite_record(forged, lambda log: replace(log, final_states=log.final_states[:, :5]))
-    differs(forged, made, capsys, "run 10003: the size of the state: expected =35; found =5")
+    differs(forged, made, capsys, "run 10003: the size of the state: expected 35; found 5")
 
 
 def test_a_changed_final_state(forged, made, capsys):
@@ -151,7 +168,7 @@ def test_meters_that_do_not_follow(forged, made, capsys):
 def test_another_task_in_the_record(forged, made, capsys):
     rewrite_record(forged, lambda log: replace(log, definition=log.definition.replace(b"1.6", b"9.9")))
     differs(forged, made, capsys, "the record: expected ", "ledger.revenue_harvest.price=1.6", "ledger.revenue_harvest.price=9.9")
-    with pytest.raises(Refused, match="The record defines another task than test/SpringDay-v1, or describes it in other words"):
+    with pytest.raises(Refused, match="The task definition in the record is not that of test/SpringDay-v1"):
         find_task(load_result(forged), read_log(record_of(forged)), made / "springday.toml")
 
 
@@ -178,7 +195,7 @@ def test_a_run_that_ended_early_and_claims_to_be_complete(forged, made, capsys, 
     rewrite(failing, lambda document: [run.update(whole) for run in document["runs"]])
     monkeypatch.setattr(action_log, "canonical", canonical)
     rewrite_record(failing, lambda log: log)
-    differs(failing, made, capsys, "has 24 steps and 17 actions, it says, and the record holds 17 rewards and 17 actions", task="day")
+    differs(failing, made, capsys, "claims 24 steps and 17 actions; the record holds 17 rewards and 17 actions", task="day")
 
 
 def test_a_controller_that_hides_its_privilege(forged, made, capsys):
@@ -212,14 +229,14 @@ def test_metrics_that_cannot_be(forged, made, capsys, name, value, words):
 
 def test_a_key_that_is_there_twice(forged, made, capsys):
     forged.write_text(forged.read_text().replace('"summary":', '"summary": {"runs": 500}, "summary":', 1))
-    differs(forged, made, capsys, "the key 'summary' is there twice")
+    differs(forged, made, capsys, "the key 'summary' appears twice")
 
 
 def test_a_file_cannot_stand_in_for_a_published_task(forged, made, capsys, tmp_path):
     rewrite(forged, lambda document: document["task"].update(id="glbench/Spring-v1"))
     (tmp_path / "mine.toml").write_text(SPRING.replace("test/SpringDay-v1", "glbench/Spring-v1"))
     code = audit.main([str(forged), "--task", str(tmp_path / "mine.toml")])
-    assert (code, "without --task it is the published one" in capsys.readouterr().out) == (2, True)
+    assert (code, "glbench/Spring-v1 is published: leave out --task" in capsys.readouterr().out) == (2, True)
 
 
 def test_other_seeds(forged, made, capsys):
@@ -287,7 +304,7 @@ def test_who_acted_and_what_is_counted(forged, made, capsys, table, key, value, 
 
 def test_what_cannot_be_audited(forged, made, capsys):
     code, words = audited(forged, made, capsys, task="day")
-    assert (code, "the task file is of test/Day-v1" in words) == (2, True), words
+    assert (code, "the task file defines test/Day-v1" in words) == (2, True), words
     forged.with_name("wavy.actions.mcap").write_bytes(b"no record")
     code, words = audited(forged, made, capsys)
     assert (code, words.startswith("cannot be audited: ")) == (2, True), words

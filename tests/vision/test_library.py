@@ -50,7 +50,7 @@ def test_pick_shows_the_nearest_mass_of_plants_that_the_encoder_has_not_seen(lib
     assert set(library.lights[many]) == set(library.lights)
     for role in ROLES:
         assert library.plants(role)[library.pick(wanted, middle, middle, role)].all()
-    with pytest.raises(ValueError, match=r"Number 1 of the light is 1\.0: it has to be at least 0 and below 1"):
+    with pytest.raises(ValueError, match=r"light\[1\] is 1\.0: it must be at least 0, and below 1"):
         library.pick(wanted[:2], middle[:2], np.array([0.2, 1.0]))
 
 
@@ -58,22 +58,25 @@ def test_what_no_scene_shows_is_refused_in_words(library: Library) -> None:
     middle, tomato = np.array([0.5]), Library.open("tomato")
     assert library.pick([340.0], [0.5], [0.5]).tolist() == library.pick(np.array([340.0]), middle, middle).tolist()  # type: ignore[arg-type]
     for call, words in (
-        (lambda: library.pick(np.array([np.nan]), middle, middle), "Number 0 of the mass is nan: it has to be at least 0"),
+        (lambda: library.pick(np.array([np.nan]), middle, middle), r"mass\[0\] is nan: it must be at least 0, and finite"),
         (
             lambda: library.pick(np.array([340.0]), middle, middle, "validation"),
-            "No plants are for 'validation'.*validation shows those of tr",
+            "There are no plants for 'validation'.*validation shows those of tr",
         ),  # type: ignore[arg-type]
         (lambda: tomato.pick(np.array([340.0]), middle, middle), "Scenes of tomato have no mass. Use nearest, by leaf_area_index, fruits"),
-        (lambda: tomato.nearest(np.array([[np.nan, 95.0, 6.0]]), 3), r"States need the shape \(n, 3\), by leaf_area_index, fruits, ripe"),
-        (lambda: tomato.nearest(np.array([2.8, 95.0, 6.0]), 3), r"States need the shape \(n, 3\)"),
+        (
+            lambda: tomato.nearest(np.array([[np.nan, 95.0, 6.0]]), 3),
+            r"States must be finite, of shape \(n, 3\): leaf_area_index, fruits, ripe",
+        ),
+        (lambda: tomato.nearest(np.array([2.8, 95.0, 6.0]), 3), r"States must be finite, of shape \(n, 3\)"),
         (lambda: tomato.nearest(np.array([[2.8, 95.0, 6.0]]), 3, light=3), "a light is 0 to 2"),
-        (lambda: Encoder((), (), ()).features(np.zeros((96, 96, 3), np.uint8)), r"Pictures need the shape \(n, height, width, 3\)"),
-        (lambda: Encoder((), (), ()).features(np.zeros((1, 9, 9, 3))), "whole numbers of 8 bits; here .* of float64"),  # type: ignore[arg-type]
+        (lambda: Encoder((), (), ()).features(np.zeros((96, 96, 3), np.uint8)), r"Pictures must be uint8 of shape \(n, height, width, 3\)"),
+        (lambda: Encoder((), (), ()).features(np.zeros((1, 9, 9, 3))), "not float64 of shape"),  # type: ignore[arg-type]
     ):
         with pytest.raises(ValueError, match=words):
             call()
     for index in (-1, len(library.seeds)):
-        with pytest.raises(GlbenchError, match=f"There is no scene {index}: they count from 0 to 4427"):
+        with pytest.raises(GlbenchError, match=f"There is no scene {index}: scenes are numbered 0 to 4427"):
             library.image(index)
 
 
@@ -115,7 +118,7 @@ def test_a_damaged_library_is_refused(tmp_path: Path) -> None:
     with pytest.raises(GlbenchError, match="it has no 'mass'"):
         Library.at(file)
     file.write_bytes(packed(format=2, crop="rose"))
-    with pytest.raises(GlbenchError, match=r"its crop is 'rose', and not one of lettuce, tomato\.$"):
+    with pytest.raises(GlbenchError, match=r"its crop is 'rose', not one of lettuce, tomato\.$"):
         Library.at(file)
     with pytest.raises(GlbenchError, match=r"the manifest says abc. Install glbench-data again"):
         Library.at(file, "abc")

@@ -61,7 +61,7 @@ FULL_PRICE = 250.0
 """Fresh mass from which a head earns its full price [g]; the price rises linearly in between. Chosen, of the usual trade."""
 
 AT_FULL_PRICE = "at full price"
-"""How heads are counted that earn less than the full one."""
+"""How heads are counted where some earn less than the full price."""
 
 LARGEST_HEAD = 2000.0
 """Largest fresh mass of a head that is shown [g]."""

@@ -445,7 +445,7 @@ def _young(air_temperature: float, p: Any) -> Any:
 def row_of(columns: Mapping[str, Floats], parameters: Mapping[str, float]) -> tuple[Floats, Floats, Floats] | None:
     """Leaf area index [m2 m-2], fruits on the plants and ripe ones [m-2] by the columns of a record; None without a crop of trusses.
 
-    They are those of a round tomato in that state: with more flowers on a stem, each of its fruits stands for several.
+    They are those of a round tomato in that state: where stems have more flowers, one drawn fruit stands for several.
     """
     if not {"cLeaf", "fruits", "nRipe"} <= columns.keys():
         return None
