@@ -859,7 +859,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("and predictive control leads them by {}.", lambda: in_cell("sensors-true", "mpc - rules")[0]),
         (
-            "half as far, by {} ({} to {}) less than in the centre, and twice as far, by {} ({} to {}) more",
+            "it is {} ({} to {}) smaller than in the centre at half, and {} ({} to {}) larger at twice",
             lambda: (*less(effect_of("house: 1 to 0.5", "mpc - rules")), *effect_of("house: 1 to 2", "mpc - rules")),
         ),
         ("Rules and policies then earn {} more", lambda: -less_by_step("rules")[0]),
@@ -1387,7 +1387,7 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: flowers_of_a_stem("GreenhouseReal-v1") / flowers_of_a_stem("SpringTrusses-v1"),
         ),
         (
-            "drawn row carries, at most {} fruits a square metre",
+            "even that exceeds the fullest drawn row ({} fruits a square metre)",
             lambda: pictures("tomato").truth["fruits"][pictures("tomato").plants("test")].max(),
         ),
         (
@@ -1603,7 +1603,7 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: tuple(number for agent in ("mpc", "ppo_long") for number in more_on_test(agent, "rule_based_tuned", "Spring-v1")),
         ),
         (
-            "With a memory PPO leads them by {} ({} to {}): its five trainings earn from {} to {}, and its lead",
+            "With a memory PPO leads them by {} ({} to {}). Its five trainings earn from {} to {}; the lead",
             lambda: (*more_on_test("ppo_memory", "rule_based_tuned", "Spring-v1"), *low_high(compiled("ppo_memory", "reward"))),
         ),
         (
