@@ -57,7 +57,7 @@ from glbench.kernel.compiled.library import absent_equipment
 from glbench.kernel.compiled.stepper import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
 from glbench.kernel.cvodes import SUBSTEP_LIMIT, paper_cvodes
 from glbench.leaderboard.fresh_draws import ERROR, FEWEST
-from glbench.leaderboard.statistics import RESAMPLES, RESOLUTION, estimate_mean
+from glbench.leaderboard.statistics import RESAMPLES, RESOLUTION, estimate_difference, estimate_mean
 from glbench.model import BUTTERHEAD, CONTROL_NAMES, STATE_NAMES, TOMATO, build_rhs, default_parameters, vapour_pressure_deficit
 from glbench.model.air import humidity_deficit
 from glbench.model.crop.butterhead import PRICE_BY_MASS
@@ -337,6 +337,32 @@ def rules_on_the_ladder() -> tuple[float, float]:
     rungs = {rung.name: rung.values for rung in ladder_table.read()[0].rungs}
     (scores,), (planned,) = rungs["rule_based_greenhouse"], rungs["mpc"]
     return float(np.mean(scores)), float(np.mean(scores[: len(planned)]))
+
+
+def rung_of_harvest(name: str, task: str = "glbench/LettuceHarvest-v1") -> NDArray[np.float64]:
+    """Scores of a rung of the ladders of LettuceHarvest-v1 and the tasks beside it, shape (trainings, runs) [EUR m-2]."""
+    return next(np.array(rung.values) for one in ladder_table.read() if one.task == task for rung in one.rungs if rung.name == name)
+
+
+SEEN_OF_HARVEST = {
+    "nothing": ("blind", "glbench/LettuceHarvest-v1"),
+    "sample": ("memory", "glbench/LettuceHarvest-v1"),
+    "picture": ("memory", "glbench/LettuceHarvestImages-v1"),
+    "mass": ("memory", "test/LettuceHarvestTrue-v1"),
+    "rules": ("rule_based_harvest", "glbench/LettuceHarvest-v1"),
+}
+
+
+def each_by_what_is_seen(sign: str) -> tuple[float, ...]:
+    """Score of each training that sees this of the crop, the lowest first [EUR m-2]."""
+    return tuple(sorted(rung_of_harvest(*SEEN_OF_HARVEST[sign]).mean(axis=1).tolist()))
+
+
+def more_by_what_is_seen(one: str, other: str) -> tuple[float, float, float]:
+    """What agents that see the first earn more than those that see the second [EUR m-2], with its interval."""
+    first, second = (rung_of_harvest(*SEEN_OF_HARVEST[sign]) for sign in (one, other))
+    interval = estimate_difference([first], [second], fixed=(len(first) == 1, len(second) == 1)).interval()
+    return interval.value, interval.low, interval.high
 
 
 def harvest_ladder(*names: str) -> tuple[float, ...]:
@@ -1374,6 +1400,17 @@ CLAIMS: dict[str, list[Claim]] = {
             "inside\nearn {} and {} EUR/m²",
             lambda: harvest_ladder("memory", "rule_based_harvest_46", "blind"),
         ),
+        ("| nothing inside the greenhouse | {}, {} |", lambda: each_by_what_is_seen("nothing")),
+        ("| all sensors and the weekly sample | {}, {} |", lambda: each_by_what_is_seen("sample")),
+        ("picture of the day, no sample | {}, {} |", lambda: each_by_what_is_seen("picture")),
+        ("leaf area, no sample | {}, {} |", lambda: each_by_what_is_seen("mass")),
+        (
+            "Policies with pictures earn {} ({} to {}) EUR/m² more than policies that see nothing inside, "
+            "which is more than the whole way from those to policies with the true mass ({} on average).",
+            lambda: (*more_by_what_is_seen("picture", "nothing"), more_by_what_is_seen("mass", "nothing")[0]),
+        ),
+        ("trainings with the true mass differ by {} EUR/m²", lambda: float(np.ptp(each_by_what_is_seen("mass")))),
+        ("still earn {} ({} to {}) EUR/m² more than the policies with pictures", lambda: more_by_what_is_seen("rules", "picture")),
         ("once in {} days, {} steps", lambda: (harvest_figures.DEFAULT, harvest_figures.DEFAULT * 96)),
         ("a learner sees about {} harvests", lambda: round(5_000_000 / (harvest_figures.DEFAULT * 96), -2)),
         (

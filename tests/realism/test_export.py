@@ -149,7 +149,9 @@ def test_an_export_whose_step_changes_says_so(tmp_path: Path, step: int, other: 
     (note,) = read_export(path, WEATHER_UNITS, "Europe/Amsterdam").notes
     assert f"its step changes: most rows are {step} min apart, but not those around line 43" in note
     path.write_text("\n".join(["time,global_radiation [J/cm2]", *rows]))
-    with pytest.raises(ArchiveError, match=r"its step changes: .*, and global_radiation is a sum over each row\. Export one step throughout"):
+    with pytest.raises(
+        ArchiveError, match=r"its step changes: .*, and global_radiation is a sum over each row\. Export one step throughout"
+    ):
         read_export(path, WEATHER_UNITS, "Europe/Amsterdam")
 
 
