@@ -116,6 +116,7 @@ LADDERS = (
 )
 """Task, its blind and its sighted rung, and what the figure calls the two."""
 SCORE, HEIGHT = "EUR/m² a season", 22
+LABEL = 16  # Width that the label of a tick needs
 Floats = NDArray[np.float64]
 
 
@@ -348,11 +349,12 @@ def panel(
     def x(value: float) -> float:
         return left + width * (value - ticks[0]) / (ticks[-1] - ticks[0])
 
-    parts = [text(left, top - 18, title, size=12)]
+    parts, every = [text(left, top - 18, title, size=12)], 2 if len(ticks) * LABEL > width else 1
     for tick in ticks:
         stroke = "#999999" if tick == 0.0 else "#e4e4e4"
         parts.append(f'<line x1="{x(tick):.1f}" x2="{x(tick):.1f}" y1="{top - 8}" y2="{bottom - 8}" stroke="{stroke}"/>')
-        parts.append(text(x(tick), bottom + 6, f"{tick:g}", anchor="middle"))
+        if round(tick / (ticks[1] - ticks[0])) % every == 0:
+            parts.append(text(x(tick), bottom + 6, f"{tick:g}", anchor="middle"))
     parts.append(text(left + width / 2, bottom + 22, axis, anchor="middle"))
     for line, (label, marks) in enumerate(rows):
         middle = top + HEIGHT * line + 4
