@@ -139,12 +139,12 @@ def test_a_suite_holds_results_of_one_agent_and_not_of_one_name(store):
 
 
 def test_shipped_trainings_are_joined_by_the_cards_that_came_with_glbench(store, monkeypatch):
-    names = ("ppo_fast", "ppo_fast_seed1", "ppo_fast_seed2", "ppo_fast_seed3", "ppo_tuned")
+    names = ("ppo_fast", "ppo_fast_seed1", "ppo_fast_seed2", "ppo_fast_seed7", "ppo_tuned")
     stored = [changed(store(name, [float(place)] * 4), kind="baseline") for place, name in enumerate(names)]
     assert all(len(entry.trainings) == 1 for entry in entries(stored)), "their digests are not those that are shipped"
     monkeypatch.setattr(StoredResult, "released", property(lambda self: True))
     found = [(entry.name, entry.training_seeds) for entry in entries(stored)]
-    assert found == [("ppo_fast", (0, 1, 2)), ("ppo_fast_seed3", ()), ("ppo_tuned", ())]
+    assert found == [("ppo_fast", (0, 1, 2)), ("ppo_fast_seed7", ()), ("ppo_tuned", ())]
 
 
 def test_another_kind_or_origin_is_no_training_of_the_entry(store, trainings, monkeypatch):
