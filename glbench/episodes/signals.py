@@ -497,7 +497,7 @@ def _accounts(task: TaskSpec) -> tuple[Line, ...]:
 
     def amount(item: LedgerItem) -> Iterable[Line]:
         kind: LineKind = "grown" if item.sign > 0 else "used"
-        gained = " gained" if item.valued != FLOW else ""
+        gained = "," * bool(item.counted) + " gained" if item.valued != FLOW else ""
         yield Line(item.amount, _amount_title(item) + gained, item.amount_unit, kind, item.amount)
         if title := _gas(item):
             name, factor = f"{item.amount}_cubic_metres", 1 / KWH_A_CUBIC_METRE
@@ -575,7 +575,7 @@ def _amount_title(item: LedgerItem) -> str:
 
 
 def _summed(path: str, title: str, item: LedgerItem) -> Curve:
-    words = f"{title}, summed" if item.valued == FLOW else f"{title} gained"
+    words = f"{title}, summed" if item.valued == FLOW else f"{title}{',' * bool(item.counted)} gained"
     return Curve(path, words, quantities.raised_unit(item.amount_unit), (item.amount,), "sum")
 
 

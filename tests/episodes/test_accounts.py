@@ -98,7 +98,7 @@ def test_weeks_begin_every_seventh_day_and_light_is_the_mean_of_their_days(day):
     [
         ("Schiphol2010-Delta10-v1", {"Fruit grown, fresh", "Heat as natural gas", "Lamp electricity"}),
         ("SpringEnergy-v1", {"Natural gas", "Power sold", "Running hours of the engine", "CO₂ bought"}),
-        ("Lettuce-v1", {"Heads gained", "Heat as natural gas", "Lamp electricity"}),
+        ("Lettuce-v1", {"Heads at full price, gained", "Heat as natural gas", "Lamp electricity"}),
     ],
 )
 def test_each_family_has_its_own_words(task, expected):

@@ -277,7 +277,7 @@ def test_first_words_say_who_leads_by_how_much_and_who_cannot_be_told_apart(visi
     words = page.locator("main p.story").inner_text()
     assert "It is a single training; another one of the same recipe may do better or worse." in words
     go(page, "#/agent/ppo_memory/Spring-v1")
-    assert "It is the mean of 3 trainings." in page.locator("main p.story").inner_text()
+    assert "It is the mean of 5 trainings." in page.locator("main p.story").inner_text()
 
 
 def test_agents_that_share_a_rank_are_never_called_better(visit, wild):
