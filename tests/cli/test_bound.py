@@ -147,6 +147,8 @@ def test_better_plans_are_taken_over(glbench: Command, here: Path, monkeypatch: 
         (("Spring-v1", "--split", "winter"), "no split 'winter'"),
         (("--submit", "x.npz"), "There is no x.npz. `glbench bound` writes books of plans."),
         (("--submit", "x.npz", "--scenario", "3"), "--submit hands in existing plans."),
+        (("--submit", "x.npz", "--iterations", "3"), "Leave out --scenario, --start, --iterations, --workers and --out."),
+        (("--submit", "x.npz", "--workers", "1"), "Leave out --scenario, --start, --iterations, --workers and --out."),
         (("day.toml", "--start", "nobody"), "nobody"),
         (("day.toml", "--start", "steady.py", "--out", "day.toml"), "Cannot write into day.toml"),
     ],

@@ -43,7 +43,10 @@ def odd(here: Path) -> Path:
         (("evaluate", "steady.py", *TASK, "--out", LONG), "File name too long"),
         (("evaluate", "steady.py", *TASK, "--late"), "--late is for a round that has closed: name its file with --round."),
         (("leaderboard", "--out", LONG), "File name too long"),
-        (("evaluate", "rule_based_fair", "--task", "Transfer-Miami-v1", "--split", "preview"), "--split preview is not evaluated"),
+        (
+            ("evaluate", "rule_based_fair", "--task", "Transfer-Miami-v1", "--split", "preview"),
+            "--split preview is not evaluated: training and preview seasons are not scored. Use --split",
+        ),
         (("bench", "step", "--quick"), "--quick chooses the measurements itself. Leave out --quick or step."),
         (("ladder", "Spring-v1", "--agents", "", "--agent-runs", "2"), "--agent-runs limits agents, and there are none for"),
         (("show", LONG), "File name too long"),

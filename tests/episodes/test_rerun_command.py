@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ import pytest
 
 import glbench.cli.evaluate as evaluate_command
 from glbench.cli.app import main
-from glbench.evaluation import load_result
+from glbench.evaluation import evaluate, load_result, result_path
+from glbench.tasks import get_task
 from tests.episodes.rerun_runs import Runs, make_runs, read_recording
 from tests.episodes.test_rerun_viewer import stream_into
+from tests.verification.forging import rewrite_record
 
 pytest.importorskip("rerun", reason="the viewer (rerun-sdk) is not installed")
 
@@ -63,6 +66,22 @@ def test_best_worst_and_median_go_by_the_tasks_metric(word: str, runs: Runs, tmp
     assert glbench("view", runs.rule_based, "--run", word, "--save", tmp_path / "one.rrd") == 0
     shown = read_recording(tmp_path / "one.rrd").curves["/money/reward/rule_based"].values[-1]
     assert shown == rewards[{"worst": 0, "median": 1, "best": 2}[word]]
+
+
+def test_a_record_with_another_task_definition_is_not_shown(runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The result and its record agree; the definition alone, which titles and limits come from, is another."""
+    shutil.copytree(runs.folder / "results", tmp_path / "results")
+    result = tmp_path / "results" / "Short-v1" / "steady.json"
+    rewrite_record(result, lambda log: replace(log, definition=log.definition.replace(b'"high": 34.0', b'"high": 45.0')))
+    assert glbench("view", result, "--run", 668, "--save", tmp_path / "one.rrd") == 1
+    assert "is of another version of" in " ".join(capsys.readouterr().err.split())
+
+
+def test_one_run_is_counted_as_one(runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    evaluate(get_task(runs.task_file), "rule_based", out=tmp_path, runs=1, episodes="none")
+    result = result_path(tmp_path / "trials", load_result(runs.rule_based).task.id, "rule_based")
+    assert glbench("view", result, "--run", "median", "--save", tmp_path / "one.rrd") == 0
+    assert "the median of 1 run\n" in capsys.readouterr().err
 
 
 def test_an_episode_of_another_evaluation_is_not_taken_for_the_results(

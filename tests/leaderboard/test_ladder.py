@@ -181,6 +181,7 @@ def test_kinds_separate_when_the_strongest_and_the_weakest_are_resolved_apart() 
     assert second.startswith("mpc earns 1.01 (")
     assert second.endswith(") EUR/m² more than rule_based_tuned: resolved.")
     assert last == "Agents of different kind separate (mpc from rule_based_tuned): yes."
+    assert not [line for line in verdict_lines(ladder.model_copy(update={"unit": ""})) if "  " in line], "a metric without a unit"
 
 
 def test_pairs_of_kinds_are_paired_by_scenario_and_draw_over_trainings() -> None:

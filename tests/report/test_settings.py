@@ -82,3 +82,9 @@ def test_the_page_holds_the_settings_of_the_released_rules(made):
     shown = [one for one in made.report.data["results"] if one["agent"] == "rule_based"]
     assert shown
     assert all(made.report.data["settings"][one["settings"]]["title"].startswith("Rule-based") for one in shown)
+
+
+def test_settings_of_a_harvest_have_their_units():
+    page = (data_folder("baselines") / "rule_based_harvest" / "rules" / "lettuceharvest.yml").read_text(encoding="utf-8")
+    rows = {row[0]: row[2] for table in settings_tables(page) for row in table.rows}
+    assert (rows["Harvest days"], rows["Harvest mass"], rows["Harvest growth"]) == ("day", "g", "g/day")
