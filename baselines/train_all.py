@@ -130,8 +130,9 @@ def plan() -> list[Job]:
     fast = [Job("ppo_fast", task, seed) for task in OF_CONTROL for seed in range(5)]
     fast += [Job("ppo_fast", _paper(level), seed) for level in SEEDED_LEVELS for seed in range(3)]
     memory = [Job("ppo_memory", task, seed) for task in OF_CONTROL for seed in range(5)]
-    long = [Job("ppo_long", task, seed) for task in OF_CONTROL[:3] for seed in range(3)]
-    off_policy = [Job("sac_fast", task, 0) for task in (*OF_CONTROL, "GreenhouseReal-v1")]
+    long = [Job("ppo_long", task, seed) for task in OF_CONTROL[:3] for seed in range(5)]
+    off_policy = [Job("sac_fast", task, 0) for task in OF_CONTROL]
+    off_policy += [Job("sac_fast", "GreenhouseReal-v1", seed) for seed in range(2)]
     greenhouse = [
         Job(recipe, task, seed)
         for task, trainings in GREENHOUSE_TASKS.items()

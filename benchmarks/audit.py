@@ -4,10 +4,11 @@
 
 The exit code is 0 if the result agrees, 1 if it differs (in which run, step and number), 2 if it cannot be audited (why).
 
-**From glbench** comes `glbench.model` alone: right-hand side of the plain model, names, sizes of states, parameters and how they follow.
+**From glbench** comes `glbench.model` alone: right-hand side of the plain model, names, sizes of states, parameters and how they follow,
+and the fruits that a crop of trusses starts with.
 
 **Written again here**, from the documentation: digests of results and records, inheritance of task files, Philox and all draws, weather and
-seasons, the start, actuation, the meters of violations, the integration, ledger, reward, sums and means.
+seasons, the start, actuation, actuators, schedules, the meters of violations, the integration, ledger, reward, sums and means.
 
 **Other libraries**: mcap unpacks the record, pyarrow reads the weather. docs/verification.md has the tolerances.
 """
@@ -15,6 +16,7 @@ seasons, the start, actuation, the meters of violations, the integration, ledger
 from __future__ import annotations
 
 import argparse
+import csv
 import datetime as dt
 import hashlib
 import json
@@ -23,7 +25,7 @@ import re
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from functools import partial, reduce
 from pathlib import Path
@@ -45,6 +47,8 @@ Run = tuple[Table, Array, Array, Array]  # how it ended, actions, rewards, final
 
 ROOT, DIFFERS, CANNOT = Path(__file__).resolve().parents[1], 1, 2
 NOT_AUDITED = "the agent and what it saw, kernel, limits, times, sandbox, versions, machine, git, profile, episodes"
+HEAT = (0.5, 1.5)  # of a season, in that of the nominal house
+WEEKDAYS = ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday")
 AIR = ("air_temperature", "co2", "relative_humidity")  # degC, ppm, %
 
 TOLERANCE = 1e-9  # of the integration: relative, and as a share of the typical size of a state
@@ -52,6 +56,7 @@ STATES = 1e-6  # final states may be off by this share of their typical size: wh
 AT_END, MEAN = (1e-4, 1e-3, 1e-4), (2e-3, 2e-2, 2e-3)  # violations, by the same promise; means depend on when air crosses a limit
 MONEY, SUMS = 1e-8, 1e-7  # profit of a step [EUR m-2]; sums over a run, relative to 1 or more
 IN_ALL, HOURS = 10.0, 0.01  # rewards and penalties of a run, in those of a step; share of hours outside limits, besides 1 h
+FOLLOW = 1000.0  # states and sums may be off by so many times more, and rewards of a run by 10 times, if some states follow (docs/adr/0032)
 
 
 class VerdictError(Exception):
@@ -168,14 +173,33 @@ def read_weather(source: str) -> Hourly:
     return int(entry["first"].timestamp()), counts, (entry["latitude"], entry["longitude"], entry["altitude"]), ZoneInfo(entry["timezone"])
 
 
+def house(name: str, factor: float, numbers: Callable[[int, int], Array]) -> Iterator[tuple[str, float]]:
+    """Parameters of a house, each with what its nominal value is multiplied by (docs/uncertainty.md, "Measured widths")."""
+    with (ROOT / "glbench" / "tasks" / "spreads.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["spread"] == name]
+    sizes, low, high, elasticity = np.array([[float(row[one]) for one in ("log_sd", "low", "high", "heat_elasticity")] for row in rows]).T
+    draws, (least, most) = list(dict.fromkeys(row["draw"] for row in rows)), np.log(HEAT).tolist()
+    logs, heat = np.zeros(len(rows)), 0.0
+    for attempt in range(32):
+        bells = 2.0 * (numbers(attempt, 3 * len(draws)).reshape(-1, 3).sum(axis=1) - 1.5)
+        logs = np.clip(factor * sizes * bells[[draws.index(row["draw"]) for row in rows]], np.log(low), np.log(high))
+        heat = float(elasticity @ logs)
+        if least <= heat <= most:
+            break
+    else:
+        logs *= min(max(heat, least), most) / heat
+    yield from zip([row["parameter"] for row in rows], np.clip(np.exp(logs), low, high).tolist(), strict=True)
+
+
 COVERED = re.compile(
     r"(schema|id|title|description|suites|observation|sensors|samples|outdoor_sensors|evaluation|prices|constraints|splits)\b.*"
     r"|weather\.((source|preprocessing|start|days|co2_ppm)=.*|step_seconds=(300|600|900|1200|1800|3600))|initial_state\.(kind=mature_crop|air_temperature.*)"
-    r"|model\.(id=greenlight-tomato(-harvest|-season)?-1\.0\.0|(variant|parameters)=.*)"
+    r"|model\.(id=greenlight-tomato(-harvest|-season|-2-compartment)?-1\.0\.0|(variant|parameters)=.*|overrides\..*)"
     r"|uncertainty\.(distribution=uniform|redraw=(step|episode)|(delta|half_width_factor|parameters)\b.*)"
     r"|scenario\.((family|salt|start_within_days)=.*|generated=True|co2_range\..*)"
-    r"|scenario\.(parameters|start)\.\d+\.(distribution=uniform|redraw=(step|episode)|half_width=.*|(name|parameters|states)\b.*)"
+    r"|scenario\.(parameters|start)\.\d+\.(distribution=uniform|redraw=(step|episode)|half_width=.*|factor=.*|(name|spread|parameters|states)\b.*)"
     r"|actuation\.(kind=rate|max_change=.*|controls\..*)|reward\.(modules\.\d=(epi|scaled_epi|scaled_penalty)|(penalty_scale|violation_price)\..*)"
+    r"|actuators\.\w+\.((lag_minutes|shortfall|(sticks|fails)\.(days_between|hours))=.*|wind\..*)|schedule\.\d+\.(control|value|weekdays|hours)\b.*"
     r"|ledger\.\w+\.((side|amount|unit|factor|label)=.*|stock=fruit|flow=(heat|electricity|co2_dosed|fruit_growth|fruit_harvested)|price\..*)",
     re.DOTALL,
 )
@@ -228,7 +252,11 @@ class Task:
         self.states, self.controls, self.parameters = (list(self.model.names[one]) for one in "xup")
         self.air = [self.states.index(name) for name in ("tAir", "co2Air", "vpAir")]
         self.scale = np.array([state.scale for state in self.model.states])
-        self.nominal = np.array(self.model.parameters.default(table.get("parameters", "benchmark")))
+        slack, self.in_all = (FOLLOW, 10.0 * IN_ALL) if any(state.follower for state in self.model.states) else (1.0, IN_ALL)
+        self.at_end, self.sums = slack * STATES, slack * SUMS  # relative
+        overrides = {name: f"{one['value']} {one['unit']}" for name, one in table.get("overrides", {}).items()}
+        self.nominal = np.array(self.model.parameters.default(table.get("parameters", "benchmark"), overrides))
+        self.scheduled = sorted({self.controls.index(entry["control"]) for entry in tables.get("schedule", [])})
         p: dict[str, float] = dict(zip(self.parameters, self.nominal.tolist(), strict=True))
         # What flows is a multiple of a control, or of the change of a state.
         heat, dose = (p[one] / p["aFlr"] for one in ("pBoil", "phiExtCo2"))
@@ -293,24 +321,32 @@ class Task:
 
     def draw(self, parameters: Array, seed: int, step: int | None) -> Array:
         """Parameters with the draws of a step, or those of the episode (None)."""
-        drawn, place = parameters.copy(), self.parameters.index
+        values, own = dict(zip(self.parameters, parameters.tolist(), strict=True)), dict(zip(self.parameters, self.nominal, strict=True))
+        changed = set[str]()
         for k, group in enumerate(self.scenario.get("parameters", [])):
-            if (group["redraw"] == "step") != (step is not None) or group["half_width"] == 0.0:
+            if (group["redraw"] == "step") != (step is not None) or group.get("half_width") == 0.0:
                 continue
-            names = self.model.parameters.drawn_set(group["parameters"]) if isinstance(group["parameters"], str) else group["parameters"]
-            if billed := {"pBoil", "thetaLampMax", "phiExtCo2", "aFlr"} & {*names}:
+            stream = partial(self.uniforms, seed, f"parameters {group.get('name') or f'parameters {k}'}")
+            if "spread" in group:
+                factors = dict(house(group["spread"], group.get("factor", 1.0), stream))
+            else:
+                named = group["parameters"]
+                names = self.model.parameters.drawn_set(named) if isinstance(named, str) else named
+                factors = dict(zip(names, 1.0 + group["half_width"] * (2.0 * stream(step or 0, len(names)) - 1.0), strict=True))
+            if billed := {"pBoil", "thetaLampMax", "phiExtCo2", "aFlr"} & {*factors}:
                 end(CANNOT, f"not covered: the task draws {', '.join(sorted(billed))}, which amounts are computed from")
-            followers = {one.name for one in self.model.table if set(names) & set(re.findall(r"\w+", one.formula))}
-            if followers - {"cLeafMax"}:
-                end(CANNOT, f"not covered: {', '.join(followers)} follow from drawn parameters")
-            places = [place(name) for name in names]
-            numbers = self.uniforms(seed, f"parameters {group.get('name') or f'parameters {k}'}", step or 0, len(places))
-            drawn[places] = self.nominal[places] * (1.0 + group["half_width"] * (2.0 * numbers - 1.0))
-            drawn[place("cLeafMax")] = drawn[place("laiMax")] / drawn[place("sla")]
-        return drawn
+            values |= {name: own[name] * factor for name, factor in factors.items()}
+            changed |= {*factors}
+        follow = set[str]()
+        for one in self.model.table:  # in which what others follow from comes first
+            follow |= {one.name} if (changed | follow) & {*re.findall(r"\w+", one.formula)} else set()
+        if follow:
+            whole = self.model.derived(self.model.Parameters(*values.values()))
+            values |= {name: value for name, value in zip(self.parameters, whole, strict=True) if name in follow}
+        return np.array([*values.values()])
 
-    def weather(self, seed: int) -> Array:
-        """Disturbances of the run with that seed `(steps, 10)`."""
+    def weather(self, seed: int) -> tuple[Array, Array]:
+        """Disturbances of the run with that seed `(steps, 10)`, and its scheduled controls `(steps, controls)`."""
         table, hourly, late = self.tables["weather"], self.hourly, 0
         ppm: Any = number(table["co2_ppm"])
         if self.generator is not None:
@@ -330,27 +366,81 @@ class Task:
                 ppm = (low + high) / 2.0 + (high - low) / 2.0 * wave
         prepare, zone = (conserving, hourly[3]) if table["preprocessing"] == "conserving" else (paper, dt.UTC)
         start = int(dt.datetime.combine(table["start"], dt.time(), zone).timestamp()) + 86400 * late
-        return prepare(hourly, start, self.steps, self.step, ppm)
+        moments = [dt.datetime.fromtimestamp(start + self.step * k, zone) for k in range(self.steps)]
+        return prepare(hourly, start, self.steps, self.step, ppm), np.array([self.schedule(moment) for moment in moments])
+
+    def schedule(self, moment: dt.datetime) -> Array:
+        """Scheduled controls at a moment (docs/schedule.md)."""
+        controls, hour = np.zeros(len(self.controls)), moment.hour + moment.minute / 60.0
+        for entry in self.tables.get("schedule", []):
+            begins, ends = entry.get("hours", (0.0, 24.0))
+            day = WEEKDAYS[(moment - dt.timedelta(hours=ends if begins > ends else 0.0)).weekday()]
+            if (hour - begins) % 24.0 < ((ends - begins) % 24.0 or 24.0) and day in entry.get("weekdays", WEEKDAYS):
+                controls[self.controls.index(entry["control"])] = entry["value"]
+        return controls
+
+    def deliver(self, seed: int, step: int, wind: float, before: Array, commands: Array, faults: dict[str, bool]) -> Array:
+        """Controls that actuators make of commands in a step (docs/uncertainty.md); `faults` of the step before become those of this."""
+        after, table = commands.copy(), self.tables.get("actuators", {})
+        actuators = [(self.controls.index(name), name, table[name]) for name in self.tables["actuation"]["controls"] if name in table]
+        short = [name for _, name, one in actuators if one.get("shortfall")]
+        most = dict(zip(short, self.uniforms(seed, "actuator shortfalls", 0, len(short)), strict=True))
+        numbers = iter(self.uniforms(seed, "actuators", step, 2 * len(actuators)))
+        for place, name, one in actuators:
+            for fault in (f"{kind} {name}" for kind in ("sticks", "fails") if kind in one):
+                means = one[fault.partition(" ")[0]]
+                chance = 1.0 - self.hours / means["hours"] if faults.get(fault) else self.hours / 24.0 / means["days_between"]
+                faults[fault] = bool(next(numbers) < chance)
+            able = 1.0 - most.get(name, 0.0) * one.get("shortfall", 0.0)
+            if "wind" in one:
+                above, full = (number(one["wind"][key]) for key in ("above", "full"))
+                able *= 1.0 - (1.0 - one["wind"].get("share", 0.0)) * min(max((wind - above) / (full - above), 0.0), 1.0)
+            carried = math.exp(-self.step / 60.0 / one["lag_minutes"]) if one.get("lag_minutes") else 0.0
+            after[place] = carried * before[place] + (1.0 - carried) * able * commands[place]
+            after[place] = 0.0 if faults.get(f"fails {name}") else before[place] if faults.get(f"sticks {name}") else after[place]
+        return after
 
     def start(self, seed: int, weather: Array) -> Array:
         """State at the start (docs/nomenclature.md): all surfaces and screens at one temperature, meters and clock at 0."""
         t, co2, soil = number(self.tables["initial_state"]["air_temperature"]), float(weather[3]), float(weather[6])
-        values = {name: t for name in self.states if re.fullmatch(r"t(Air|Top|Cov\w*|\w*Scr|Flr|\w*Pipe|\w*Lamp)", name)}
+        values = {name: t for name in self.states if re.fullmatch(r"t(Air|Top|Cov\w*|\w*Scr|Flr|\w*Pipe|\w*Lamp|Mass)", name)}
         values |= {f"tSo{layer + 1}": ((4 - layer) * t + layer * soil) / 4.0 for layer in range(5)}
         values |= {"tCan": t + 4.0, "tCan24": t + 4.0, "co2Air": co2, "co2Top": co2}
         sla, place = self.model.parameters.default("benchmark"), self.parameters.index("sla")
         values |= {"cLeaf": 95283.0 * sla[place] / self.nominal[place], "cStem": 251070.0, "cFruit": 55338.0, "tCanSum": 3097.8}
         values |= dict.fromkeys(("vpAir", "vpTop"), 0.9 * float(saturation(t)))
+        if "nRipe" in self.states:  # fruits of all stages are the model's own; the rest is in docs/nomenclature.md
+            fruits = dict(zip(self.states, self.model.start("mature_crop", weather, t, self.nominal).tolist(), strict=True))
+            values |= {name: fruits[name] for name in self.states if re.fullmatch(r"[nc]Fruit\d+", name)}
+            values |= {"cFruit": sum(fruits[f"cFruit{k + 1}"] for k in range(33)), "tFruit": t, "photoperiod": 0.5, "sourceSink": 0.5}
         x = np.array([values.get(name, 0.0) for name in self.states] + [0.0] * (6 * self.means))
         for k, group in enumerate(self.scenario.get("start", [])):
             numbers = self.uniforms(seed, f"start {group.get('name') or f'start {k}'}", 0, len(group["states"]))
             x[[self.states.index(name) for name in group["states"]]] *= 1.0 + group["half_width"] * (2.0 * numbers - 1.0)
         return x
 
+    def replay(
+        self, seed: int, x: Array, weather: Array, schedule: Array, actions: Array, *, direct: bool
+    ) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
+        """Of each step: the state before, the controls before and in it, the parameters, and the state after."""
+        (u, commands), parameters, faults = np.zeros((2, len(self.controls))), self.draw(self.nominal, seed, None), dict[str, bool]()
+        moved = [self.controls.index(name) for name in self.tables["actuation"]["controls"]]
+        for k, action in enumerate(actions):
+            last, commands = commands, np.clip(action, 0.0, 1.0) if direct else np.zeros_like(u)
+            if not direct:
+                commands[moved] = np.clip(last[moved] + self.tables["actuation"]["max_change"] * np.clip(action, -1.0, 1.0), 0.0, 1.0)
+            commands[self.scheduled] = schedule[k, self.scheduled]
+            before, u_before, u = x, u, self.deliver(seed, k, float(weather[k, 4]), u, commands, faults)
+            drawn = self.draw(parameters, seed, k)
+            x = self.advance(before, u, weather[k], drawn)
+            yield before, u_before, u, drawn, x
+
     def quantities(self, before: Array, after: Array, u_before: Array, u: Array) -> dict[str, float]:
         """What a step adds to the metrics."""
         changes = dict(zip([*self.states, *self.controls], [*(after - before)[: len(self.states)].tolist(), *u.tolist()], strict=True))
-        rows = {"reward": 0.0, "epi": 0.0, "penalty": 0.0} | ({} if self.paper else {"actuator_travel": float(np.abs(u - u_before).sum())})
+        rows = {"reward": 0.0, "epi": 0.0, "penalty": 0.0} | (
+            {} if self.paper else {"actuator_travel": float(np.abs(np.delete(u - u_before, self.scheduled)).sum())}
+        )
         for name, amount, source, factor, earned, price in self.items:
             rows[amount] = changes[source] * factor
             rows[name] = rows[amount] * price
@@ -386,38 +476,37 @@ def same(what: str, own: Any, theirs: Any) -> None:
 
 def audit_run(task: Task, run: Run, metrics: Mapping[str, float], *, direct: bool) -> str:
     """Recompute a run, and say how closely it agrees."""
-    (_, actions, rewards, final), seed, sums, actuation = run, run[0]["seed"], dict[str, float](), task.tables["actuation"]
-    weather, parameters, worst, u = task.weather(seed), task.draw(task.nominal, seed, None), 0.0, np.zeros(len(task.controls))
-    x, places = task.start(seed, weather[0]), [task.controls.index(name) for name in actuation["controls"]]
+    (_, actions, rewards, final), seed, sums, worst = run, run[0]["seed"], dict[str, float](), 0.0
+    weather, schedule = task.weather(seed)
+    x = task.start(seed, weather[0])
     if not ((actions >= (-1e-6 if direct else -1.0 - 1e-6)) & (actions <= 1.0 + 1e-6)).all():
         end(DIFFERS, f"run {seed}: an action is outside its bounds")
-    for k, recorded in enumerate(rewards.tolist()):
-        before, u_before, u = x, u, np.clip(actions[k], 0.0, 1.0) if direct else np.zeros_like(u)
-        if not direct:
-            u[places] = np.clip(u_before[places] + actuation["max_change"] * np.clip(actions[k], -1.0, 1.0), 0.0, 1.0)
-        x = task.advance(before, u, weather[k], task.draw(parameters, seed, k))
+    steps = task.replay(seed, x, weather, schedule, actions[: len(rewards)], direct=direct)
+    for k, ((before, u_before, u, _, x), recorded) in enumerate(zip(steps, rewards.tolist(), strict=True)):
         rows = task.quantities(before, x, u_before, u)
         sums = {name: sums.get(name, 0.0) + value for name, value in rows.items()}
         worst = max(worst, compare(f"run {seed}, step {k + 1}: the reward", rows["reward"], recorded, task.margin))
-    meters = [IN_ALL * near * task.step / STATES for near in MEAN for _ in range(2)] if task.means else []
+    meters = [task.in_all * near * task.step / task.at_end for near in MEAN for _ in range(2)] if task.means else []
     names = [*task.states, *(f"{name} outside its limit, summed" for name in AIR for _ in range(2))]
     same(f"run {seed}: the size of the state", len(x), len(final))
     ends = zip(names, x.tolist(), final.tolist(), [*task.scale.tolist(), *meters], strict=False)
-    off = max(compare(f"run {seed}: '{name}' at the end", own, theirs, STATES * scale) / scale for name, own, theirs, scale in ends)
+    off = max(compare(f"run {seed}: '{name}' at the end", own, theirs, task.at_end * scale) / scale for name, own, theirs, scale in ends)
     missing, charge = task.steps - len(rewards), task.tables["evaluation"]["failed_step"]
     total = float(np.add.accumulate(np.append(0.0, rewards))[-1]) + missing * number(charge["reward"])
+    near = {"reward": task.margin, "penalty": task.penalty_margin}
     compare(f"run {seed}: the sum of the recorded rewards", total, metrics["reward"], 0.0)
     same(f"run {seed}: the names of the metrics", sorted(sums or metrics), sorted(metrics))
     for name in sorted(metrics):
         if name.startswith("hours_") and math.copysign(1.0, metrics[name]) < 0.0:
             end(DIFFERS, f"run {seed}: '{name}' is negative, {metrics[name]!r} h")
         own = sums.get(name, 0.0) + missing * number(charge.get(name, 0.0))
-        margin = IN_ALL * {"reward": task.margin, "penalty": task.penalty_margin}.get(name, SUMS / IN_ALL * max(abs(own), 1.0))
+        size = sum(abs(sums.get(item, 0.0)) for item, *_ in task.items) if name == "epi" else abs(own)  # of what is earned and paid
+        margin = task.in_all * near[name] if name in near else task.sums * max(size, 1.0)
         margin += HOURS * own + 1.0 if name.startswith("hours_") else 0.0
         compare(f"run {seed}: '{name}'", own, metrics[name], margin)
-    score = f"{abs(sums.get('reward', 0.0) - rewards.sum()):.1e} of {total:.6g} (tolerance {IN_ALL * task.margin:.1e})"
+    score = f"{abs(sums.get('reward', 0.0) - rewards.sum()):.1e} of {total:.6g} (tolerance {task.in_all * task.margin:.1e})"
     step = f"{len(rewards)} steps; reward of a step within {worst:.1e} (tolerance {task.margin:.1e})"
-    return f"run {seed}: {step}, of the run within {score}, final state within {off:.1e} of its typical size (tolerance {STATES:.0e})"
+    return f"run {seed}: {step}, of the run within {score}, final state within {off:.1e} of its typical size (tolerance {task.at_end:.0e})"
 
 
 def plain(tables: Table) -> dict[str, str]:

@@ -1,8 +1,8 @@
 """Which of the checkout's data goes into which wheel, for the build hooks of both.
 
 ``glbench-data`` holds all baselines, all released results and the pictures of glbench.vision. ``glbench`` holds what its commands need
-without it: every released result but those of the suites transfer and paper-code, and every baseline but large policies and plans. It also
-holds the digest of the data that belong to it, and what it lacks of them.
+without it: every released result but those of the suites transfer, paper-code and lettuce-classic, and every baseline but large policies
+and plans. It also holds the digest of the data that belong to it, and what it lacks of them.
 """
 
 from __future__ import annotations
@@ -18,10 +18,14 @@ FOLDERS = {"baselines": "baselines", "reports/released/results": "reports/releas
 """Names of the data folders, and where they are in a checkout."""
 LARGEST_POLICY = 90 * 1024
 """Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
-ELSEWHERE = ("reports/released/results/Transfer-*", "reports/released/results/Schiphol2010Code-*")
+ELSEWHERE = (
+    "reports/released/results/Transfer-*",
+    "reports/released/results/Schiphol2010Code-*",
+    "reports/released/results/LettuceClassic-*",
+)
 BESIDE = ("*.profile.json.gz", *ELSEWHERE, "images/*")
-"""Files of results that are only in ``glbench-data``: profiles, from which the report draws days, the suites transfer and paper-code
-(``ELSEWHERE``), and pictures."""
+"""Files of results that are only in ``glbench-data``: profiles, from which the report draws days, the suites transfer,
+paper-code and lettuce-classic (``ELSEWHERE``), and pictures."""
 
 
 def whole(root: Path) -> dict[str, Path]:

@@ -134,9 +134,9 @@ class Kernel(Trajectories):
 
     A step of ``model``, such as ``glbench.model.TOMATO``, takes ``step_seconds`` [s]. ``backend`` is ``"auto"``, ``"compiled"``,
     ``"casadi"``, ``"cvodes"`` or, of a map, ``"discrete"``, see ``glbench.kernel.kernel``; as an attribute it is the name of the one that
-    steps. ``preset`` is ``"reference"`` (what scores are made with: 1e-6 a step), ``"standard"`` (at least as accurate as CVODES at 1e-6,
-    which the benchmark's paper used), ``"fast"`` (for training), or ``"tight"`` (to check the others against). ``threads`` share the rows
-    of a batch; they change no bit, and only the compiled backend uses them.
+    steps. ``preset`` is ``"reference"`` (what scores are made with: 1e-6 a step, 1e-5 where some states follow), ``"standard"`` (at least
+    as accurate as CVODES at 1e-6, which the benchmark's paper used), ``"fast"`` (for training), or ``"tight"`` (to check the others).
+    ``threads`` share the rows of a batch; they change no bit, and only the compiled backend uses them.
     """
 
     def __init__(

@@ -16,6 +16,7 @@ from docs import (
     energy_story,
     estimator_table,
     factors_figures,
+    follower_error,
     fresh_draws_table,
     ladder_table,
     lettuce_classic_table,
@@ -148,6 +149,11 @@ def test_the_table_of_accuracy_holds_the_measurement() -> None:
 def test_the_table_of_the_compartment_holds_its_parameters() -> None:
     page = (DOCS / "compartment.md").read_text(encoding="utf-8")
     assert compartment_table.filled(page) == page
+
+
+def test_the_errors_of_followers_are_those_measured():
+    page = follower_error.PAGE.read_text(encoding="utf-8")
+    assert follower_error.filled(page) == page
 
 
 def test_the_table_of_generated_seasons_holds_the_measurements() -> None:

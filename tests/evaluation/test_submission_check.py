@@ -114,7 +114,7 @@ def test_an_agent_that_hangs_costs_its_time_and_no_more(
 
 
 def test_loading_takes_nothing_from_the_time_of_the_steps(tmp_path: Path, day_task_file: Path) -> None:
-    report = looked_at(tmp_path, day_task_file, "time.sleep(0.02)", "none", before="import time; time.sleep(4.0)\n", seconds=3.0)
+    report = looked_at(tmp_path, day_task_file, "time.sleep(0.02)", "none", before="import time; time.sleep(6.0)\n", seconds=5.0)
     assert report.ok, report.findings
     assert not [finding for finding in report.findings if finding.subject == "time"], "all steps fitted in"
 

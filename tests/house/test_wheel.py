@@ -155,6 +155,7 @@ def test_a_leaderboard_of_results_that_are_not_installed_says_where_they_are(ins
         (("--task", "Transfer-Miami-v1"), "There are no results of a task"),
         (("--suite", "transfer"), "No task of the suite"),
         (("--suite", "paper-code"), "No task of the suite"),
+        (("--suite", "lettuce-classic"), "No task of the suite"),
     ):
         done = run_installed(installed, tmp_path, "leaderboard", *selection)
         said = " ".join(done.stderr.split())

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 import pytest
 
-from glbench.kernel import Kernel, Rows, available, state_scale, why_not_compiled
+from docs import follower_error
+from glbench.env.scenario import run_weather
+from glbench.env.simulation import Simulation
+from glbench.episodes import read_log
+from glbench.evaluation import evaluate
+from glbench.kernel import Kernel, Rows, available, make_kernel, state_scale, why_not_compiled
 from glbench.kernel.compiled import CompiledStepper, CompiledUnavailable
-from glbench.model import Evaluation
+from glbench.model import Evaluation, get_model
 from glbench.model.expressions import Expr
 from glbench.model.quantities import Variable
+from glbench.tasks import get_task
 from tests.kernel.chain import CHAIN, chain_model, chain_rows
 from tests.kernel.known_steps import KnownSteps
 from tests.kernel.toy import Decay, Tank, tank_rows
@@ -229,3 +237,25 @@ def test_a_model_with_nothing_to_integrate_is_left_to_casadi() -> None:
 
 def test_a_follower_changes_no_digest() -> None:
     assert chain_model(33).digest == chain_model(33, follower=False).digest
+
+
+def test_hard_steps_of_the_default_task_are_right_to_what_pages_say(tmp_path: Path) -> None:
+    """Between 1e-6 and 1e-5 of a state's typical size (docs/kernel-compiled.md), where docs/follower_error.py found the largest error."""
+    task, hard = get_task("GreenhouseReal-v1").in_split("validation"), json.loads(follower_error.FIGURES.read_text())
+    one = max(hard, key=lambda entry: float(entry["largest"]))
+    evaluate(task, one["agent"], out=tmp_path, runs=one["seed"] - task.evaluation.first_seed + 1, episodes="none")
+    (record,) = tmp_path.rglob("*.actions.mcap")
+    actions, model = read_log(record).actions[:, -1], get_model("greenlight-tomato-2-compartment-1.0.0")
+    simulation, weather = Simulation(task, 1), run_weather(task, one["seed"]).values
+    simulation.reset([one["seed"]])
+    p = simulation.scenarios.draw([one["seed"]]).parameters
+    assert p is not None
+    together, worst = make_kernel(model, 900.0, backend="casadi", preset="tight"), 0.0
+    for step, action in enumerate(actions[: one["step"] + 8]):
+        before = simulation.x[0, : len(model.states)]
+        simulation.step(action[None])
+        if step > one["step"] - 8:
+            after = together.step(before, simulation.u[0], weather[step], p[0, : len(model.parameter_names)])
+            worst = max(worst, float((np.abs(simulation.x[0, : len(model.states)] - after) / state_scale(model)).max()))
+    assert 1e-6 < worst < 1e-5
+    assert worst == pytest.approx(one["largest"], rel=0.1)

@@ -6,19 +6,26 @@ Forgeries are thorough: digests and summaries follow what was changed, so that o
 from __future__ import annotations
 
 import ast
+import datetime as dt
 import json
 import math
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 import rfc8785
 
 from benchmarks import audit, audit_weather
+from glbench.env import uncertainty
+from glbench.env.random import key_of
+from glbench.env.scenario import RunScenarios, run_weather
 from glbench.episodes import action_log, read_log
 from glbench.evaluation import evaluate, load_result, result_path
 from glbench.tasks import get_task
+from glbench.tasks.spreads import read_spread
 from glbench.verification.documents import find_task
 from glbench.verification.proof import Refused
 from tests.episodes.day import FAILING, RANDOM
@@ -35,17 +42,33 @@ evaluation.runs = 2
 evaluation.first_seed = 10003
 """
 
+REAL = """
+base = "glbench/GreenhouseReal-v1"
+id = "test/RealDay-v1"
+title = "A Monday in real greenhouses, with vents that often stick and a CO2 supply that often fails"
+weather.days = 1
+scenario.start_within_days = 0
+evaluation.runs = 2
+actuators.uVent.sticks = { days_between = 0.2, hours = 2.0 }
+actuators.uVent.wind.above.value = 1.0
+actuators.uCo2.fails = { days_between = 0.2, hours = 2.0 }
+actuators.uCo2.sticks = { days_between = 0.2, hours = 2.0 }
+"""
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with tasks of a day and results on them."""
     folder = tmp_path_factory.mktemp("audited")
     (folder / "springday.toml").write_text(SPRING)
+    (folder / "realday.toml").write_text(REAL)
     write_short_task(folder, "Day", days=1)
     write = agent_writer(folder)
     evaluate(get_task(folder / "springday.toml"), write(RANDOM, "wavy"), out=folder / "reports", episodes="none")
     (folder / "papersky.toml").write_text(SPRING.replace("SpringDay", "PaperSky") + 'weather.preprocessing = "paper"\n')
     evaluate(get_task(folder / "papersky.toml"), write(RANDOM, "wavy"), out=folder / "reports", episodes="none", runs=1)
+    for agent in (write(RANDOM, "wavy"), "rule_based"):
+        evaluate(get_task(folder / "realday.toml"), agent, out=folder / "reports", episodes="none")
     for agent in (write(FAILING, "failing"), "rule_based"):
         evaluate(get_task(folder / "day.toml"), agent, out=folder / "reports", episodes="none")
     return folder
@@ -72,6 +95,79 @@ def test_an_honest_result_agrees(made, capsys):
     assert words.startswith("test/SpringDay-v1, test split, agent wavy: 2 runs from 10003 on\n")
     assert "\nnot audited: the digest of a task that is not published, the agent and what it saw, " in words
     assert words.endswith(", profile, episodes\nagrees (2 of 2 runs)\n")
+
+
+@pytest.mark.parametrize("agent", ["wavy", "rule_based"])
+def test_an_honest_result_on_the_day_of_real_greenhouses_agrees(made, capsys, agent):
+    """Measured houses, actuators that lag, stick, fail and are drawn in by wind, a crew that picks on Mondays, a crop of trusses."""
+    code, words = audited(result_path(made / "reports", "test/RealDay-v1", agent), made, capsys, task="realday")
+    assert code == 0, words
+    assert "run 10000: 96 steps" in words
+    assert words.endswith("agrees (2 of 2 runs)\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "other"),
+    [
+        ("uVent.sticks = { days_between = 0.2", "uVent.sticks = { days_between = 0.3"),
+        ("uCo2.fails = { days_between = 0.2, hours = 2.0", "uCo2.fails = { days_between = 0.2, hours = 3.0"),
+        ("wind.above.value = 1.0", "wind.above.value = 6.0"),
+        ("evaluation.runs = 2", "evaluation.runs = 2\nactuators.uBoil.shortfall = 0.0"),
+        ("evaluation.runs = 2", "evaluation.runs = 2\nactuators.uThScr.lag_minutes = 9.0"),
+        ("evaluation.runs = 2", "evaluation.runs = 2\nmodel.overrides.hecWall.value = 1.0"),
+        ("evaluation.runs = 2", 'evaluation.runs = 2\nschedule = [{ control = "uAway", value = 0.0 }]'),
+        (
+            "evaluation.runs = 2",
+            'evaluation.runs = 2\nschedule = [{ control = "uAway", value = 1.0, weekdays = ["monday"], hours = [7.0, 6.0] }]',
+        ),
+    ],
+)
+def test_other_houses_actuators_and_crews_are_other_runs(made, tmp_path, line, other):
+    """Recomputed with another task, runs do not agree: each of these is computed and decides."""
+    log = read_log(record_of(result_path(made / "reports", "test/RealDay-v1", "wavy")))
+    (tmp_path / "realday.toml").write_text(REAL.replace(line, other))
+    task = audit.Task(audit.task_tables("realday.toml", tmp_path), "test")
+    run = (log.runs[0].model_dump(), log.actions[:, 0], log.rewards[:, 0], log.final_states[0])
+    with pytest.raises(audit.VerdictError, match="run 10000"):
+        audit.audit_run(task, run, {}, direct=False)
+
+
+@pytest.mark.parametrize(("heat", "fewest", "most"), [((0.5, 1.5), 0, 0), ((0.95, 1.05), 1, 30), ((0.9999, 1.0001), 31, 31)])
+def test_measured_houses_are_those_of_the_benchmark(monkeypatch, heat, fewest, most):
+    """To the last digits; the narrower limits of heat make houses be drawn again, and the last one moved."""
+    monkeypatch.setattr(audit, "HEAT", heat)
+    monkeypatch.setattr(uncertainty, "HEAT", heat)
+    seeds, attempts = list(range(10000, 10020)), []
+    keys = np.array([key_of(f"measured {seed}") for seed in seeds], np.uint64)
+    theirs = uncertainty.spread_multipliers(read_spread("measured", 2.0), keys)
+
+    def numbers(label: str, attempt: int, count: int) -> audit.Array:
+        attempts.append(attempt)
+        return audit.uniforms(label, attempt, count)
+
+    own = [[factor for _, factor in audit.house("measured", 2.0, partial(numbers, f"measured {seed}"))] for seed in seeds]
+    np.testing.assert_allclose(own, theirs, rtol=1e-14)
+    assert fewest <= max(attempts) <= most
+
+
+def test_what_is_drawn_once_a_run_is_that_of_the_benchmark():
+    """Parameters that follow from drawn ones, weather and start of the default task."""
+    task, own = get_task("GreenhouseReal-v1").scored, audit.Task(audit.task_tables("glbench/GreenhouseReal-v1", Path()), "test")
+    for seed in (10000, 10057):
+        scenes, (weather, _) = RunScenarios(task).draw([seed]), own.weather(seed)
+        assert scenes.parameters is not None
+        np.testing.assert_array_equal(own.draw(own.nominal, seed, None), scenes.parameters[0, : len(own.parameters)])
+        np.testing.assert_allclose(own.start(seed, weather[0]), scenes.states[0], rtol=1e-12)
+        np.testing.assert_allclose(weather, run_weather(task, seed).values[: task.steps], rtol=1e-11, atol=1e-11)
+
+
+def test_a_schedule_past_midnight():
+    """Hours after midnight belong to the day on which they began."""
+    own = audit.Task(audit.task_tables("glbench/GreenhouseReal-v1", Path()), "test")
+    own.tables["schedule"] = [{"control": "uAway", "value": 0.5, "weekdays": ["monday"], "hours": [22.0, 6.0]}]
+    monday = dt.datetime(2010, 2, 15)
+    hours = [hour for hour in range(-24, 72) if own.schedule(monday + dt.timedelta(hours=hour))[own.controls.index("uAway")] == 0.5]
+    assert hours == list(range(22, 30))
 
 
 def test_only_runs_that_were_audited_agree(made, capsys):

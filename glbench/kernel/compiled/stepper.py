@@ -67,8 +67,8 @@ PRESETS = {
     "fast": Preset(relative=2e-4, first_substep=8.0, fast_error_floor=2e-3, method="GRK4T", last_stretch=50.0, balanced=True),
     "tight": Preset(relative=1e-10, first_substep=0.1, fast_error_floor=1.0, singular_error_factor=1.0),
 }
-"""``reference``: what scores are made with, 1e-6 a step. ``standard``: at least as accurate as CVODES at 1e-6, which the
-benchmark's paper used. ``fast``: for training. ``tight``: to check the others against."""
+"""``reference``: what scores are made with, 1e-6 a step (with followers 1e-5). ``standard``: at least as accurate as CVODES at 1e-6,
+which the benchmark's paper used. ``fast``: for training. ``tight``: to check the others against."""
 
 LARGEST_SUBSTEPS = 20_000
 """More substeps than this in one control step are a failure of that row."""
