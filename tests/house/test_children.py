@@ -90,7 +90,7 @@ def began(process: int) -> str | None:
     return None if state[0] in "ZX" else state[19]
 
 
-def kill_and_look(command: tuple[str, ...], folder: Path, *, wanted: int, seconds: float = 90.0) -> None:
+def kill_and_look(command: tuple[str, ...], folder: Path, *, wanted: int, seconds: float = 300.0) -> None:
     """Start ``command``, kill it when ``wanted`` processes have run below it for a second, and look who is left."""
     here = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "GLBENCH_SANDBOX": "none", "OMP_NUM_THREADS": "1"}
     said = folder / "said"
