@@ -785,14 +785,14 @@ def factor_study() -> dict[str, float]:
 
 @cache
 def played_factors() -> dict[str, Any]:
-    """Figures of the cells of the study of factors on ``Spring-v1`` that were played."""
-    base: dict[str, Any] = factors_figures.read(factors_figures.FIGURES)["bases"]["spring"]
-    return base
+    """Figures of the cells of the study of factors that were played, by base."""
+    bases: dict[str, Any] = factors_figures.read(factors_figures.FIGURES)["bases"]
+    return bases
 
 
-def in_cell(cell: str, pair: str) -> tuple[float, float, float]:
-    """What the first agent earns more than the second in a cell of ``Spring-v1`` [EUR m-2], with its interval."""
-    one = played_factors()["cells"][f"spring.{cell}"]["pairs"][pair]
+def in_cell(cell: str, pair: str, base: str = "spring") -> tuple[float, float, float]:
+    """What the first agent earns more than the second in a cell [EUR m-2], with its interval."""
+    one = played_factors()[base]["cells"][f"{base}.{cell}"]["pairs"][pair]
     return one["value"], one["low"], one["high"]
 
 
@@ -801,9 +801,9 @@ def less_by_step(on: str) -> tuple[float, float, float]:
     return less(effect_of("draw", on))
 
 
-def effect_of(change: str, on: str) -> tuple[float, float, float]:
+def effect_of(change: str, on: str, base: str = "spring") -> tuple[float, float, float]:
     """What an agent or a difference gains from a change, named by its beginning [EUR m-2], with its interval."""
-    (effect,) = (one for one in played_factors()["effects"] if one["on"] == on and one["effect"].startswith(change))
+    (effect,) = (one for one in played_factors()[base]["effects"] if one["on"] == on and one["effect"].startswith(change))
     return effect["value"], effect["low"], effect["high"]
 
 
@@ -829,6 +829,29 @@ def flowers_of_a_stem(task: str) -> float:
 
 CLAIMS: dict[str, list[Claim]] = {
     "docs/factors.md": [
+        (
+            "With a memory PPO is ahead by {} ({} to {}), without one by {} ({} to {});",
+            lambda: (*in_cell("centre", "ppo_memory - rules", "real"), *in_cell("centre", "ppo - rules", "real")),
+        ),
+        (
+            "The rules earn {} ({} to {}) more; in `Spring-v1` it was {}.",
+            lambda: (*effect_of("sensors", "rules", "real"), effect_of("sensors", "rules")[0]),
+        ),
+        ("it may lie anywhere from {} to {}.", lambda: effect_of("sensors", "ppo", "real")[1:]),
+        (
+            "With the measured spread, the rules earn {} ({} to {}) more and PPO without memory {} ({} to {}), "
+            "so its lead over the rules is {} ({} to {}) smaller: it is {} behind them",
+            lambda: (
+                *(value for agent in ("rules", "ppo") for value in effect_of("house", agent, "real")),
+                *less(effect_of("house", "ppo - rules", "real")),
+                -in_cell("house-1", "ppo - rules", "real")[0],
+            ),
+        ),
+        ("is level with them ({}, from {} to {})", lambda: in_cell("house-1", "ppo_memory - rules", "real")),
+        (
+            "PPO without memory gains {} ({} to {}) on the rules; PPO with a memory is then {} ({} to {}) ahead of them.",
+            lambda: (*effect_of("price", "ppo - rules", "real"), *in_cell("price-2", "ppo_memory - rules", "real")),
+        ),
         (
             "leads the rules by {} in the centre and by {} where",
             lambda: tuple(in_cell(one, "mpc - rules")[0] for one in ("centre", "draw-step")),
@@ -1642,6 +1665,11 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "with ten times as many, PPO without memory leads them by {}, and predictive control still leads PPO by {}.",
             lambda: tuple(in_cell("budget-10", pair)[0] for pair in ("ppo - rules", "mpc - ppo")),
+        ),
+        ("On the default task true sensors bring the rules only {} EUR/m² ({} to {}).", lambda: effect_of("sensors", "rules", "real")),
+        (
+            "PPO without memory gains {} ({} to {}) on the rules there; with houses half as far from the model it loses {} ({} to {}).",
+            lambda: (*effect_of("price", "ppo - rules", "real"), *less(effect_of("house", "ppo - rules", "real"))),
         ),
         ("in the {} runs of its test split", lambda: HEADLINE.evaluation.runs),
         ("It earns {} EUR/m² ({} to {}) more than the rules tuned", lambda: more_on_test("mpc_greenhouse", "rule_based_greenhouse")),
