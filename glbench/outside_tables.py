@@ -63,7 +63,7 @@ _SUMMER = r"summer|sommer|zomer|verano|\bété\b|\bDST\b|\d\)\s*[A-Z][a-z]"  # C
 _HYPHENS = str.maketrans("\u2212\u2013", "--")
 _SECONDS, _MILLISECONDS = r"(?!19\d\d[01]\d[0-3]\d)1?\d{9}", r"1\d{12}|(?!19|20)\d{12}"  # Since 1970; 199503010030 is a date
 _INTERVAL = re.compile(r"[\d)Z]\s+[-\u2013]\s+\d")
-_OF_DAY = re.compile(r"\b(uur|tijd|hour|time|stunde|heure)", re.IGNORECASE)
+_OF_DAY = re.compile(r"\b(uur|tijd|hour|time|stunde|heure|hora\b)", re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[ '\u00a0\u202f]\d{3})*|\d{1,3}(?:[.,]\d{3})+)?(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
 _VALUE = re.compile(r"[+\u2212-]?[.,]?\d")
 _ISO_DATE = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{4})(\d\d)(\d\d)")
@@ -79,10 +79,11 @@ _ZONES: Final = {
     "MESZ": "+02:00", "EET": "+02:00", "EEST": "+03:00",
 }  # fmt: skip
 _MONTHS: Final = {
-    "jan": 1, "feb": 2, "fév": 2, "maa": 3, "mrt": 3, "mar": 3, "mär": 3, "apr": 4, "avr": 4, "mei": 5, "may": 5, "mai": 5, "jun": 6,
-    "juin": 6, "jul": 7, "juil": 7, "aug": 8, "aoû": 8, "sep": 9, "okt": 10, "oct": 10, "nov": 11, "dec": 12, "dez": 12, "déc": 12,
+    "jan": 1, "ene": 1, "feb": 2, "fév": 2, "maa": 3, "mrt": 3, "mrz": 3, "mar": 3, "mär": 3, "apr": 4, "avr": 4, "abr": 4, "mei": 5,
+    "may": 5, "mai": 5, "jun": 6, "juin": 6, "jul": 7, "juil": 7, "aug": 8, "aoû": 8, "ago": 8, "sep": 9, "okt": 10, "oct": 10,
+    "nov": 11, "dec": 12, "dez": 12, "déc": 12, "dic": 12,
 }  # fmt: skip
-"""How months in words begin: Dutch, English, German, French."""
+"""How months in words begin: Dutch, English, German, French, Spanish."""
 _WRITTEN_DATE: Final = re.compile(r"(?:(\d{1,2})[-./ ]+)?([^\W\d_]{3,9})[-./ ]+(\d{4}|\d\d)\b(.*)")
 _MONTH: Final = re.compile(r"(\d{4})[-/](\d\d)|(\d\d)[-/](\d{4})")
 DateOrder = Literal["year first", "day first", "month first"]
@@ -175,10 +176,9 @@ def _only_member(path: Path, refusal: type[GlbenchError]) -> bytes:
 class TextTable:
     """Titles and rows of a table, still as text.
 
-    ``file`` is where it comes from, for messages, and ``refusal`` the type of error that its checks raise. ``preamble`` has the lines above
-    the titles, and comment lines. A line of units below the ``titles`` is joined to them: ``Temp [degC]``. ``rows`` have as many fields as
-    titles, stripped; ``lines`` are the numbers of their lines in the file, from 1. ``decimal`` is ``,`` where numbers have decimal commas.
-    ``notes`` tell of rows that were left out, and the like.
+    ``file`` names it in messages, and ``refusal`` is the type of error that its checks raise. ``preamble`` has the lines above the titles,
+    and comment lines. A line of units below the ``titles`` is joined to them: ``Temp [degC]``. ``rows`` have as many fields as titles,
+    stripped; ``lines`` are their lines in the file, from 1. ``decimal`` is the decimal sign. ``notes`` tell of rows left out, and such.
     """
 
     file: str
@@ -257,8 +257,7 @@ def split_table(
 
     ``is_titles`` tells the line of titles by its fields. By default it is the last line before the first one with numbers that has as many
     fields as most lines; a line of units below it is joined to it. ``decimal`` is the decimal sign, where the caller knows it. Raises
-    ``refusal``, with the name of the ``file`` and the row, when there are no titles or no rows, a row has too few or too many fields, or
-    the decimal sign is unclear.
+    ``refusal`` when there are no titles or no rows, a row has too few or too many fields, or the decimal sign is unclear.
     """
     if re.match(r"\s*(\{|\[\s*\{)", text):
         text = _of_json(text, file, refusal)
@@ -271,6 +270,8 @@ def split_table(
     except csv.Error as error:
         msg = f"{file} cannot be split into columns: a quotation mark is never closed, or a field is too long. Correct the file."
         raise refusal(msg) from error
+    if parsed and parsed[0][1][0] == "TOA5":  # of a Campbell logger; below the units it says which values are means
+        del parsed[3:4]
     first = _first_titles(parsed, is_titles)
     if first is None:
         beginning = " ".join(text.split())[:80]
@@ -460,7 +461,7 @@ def time_titles(table: TextTable) -> tuple[str, ...]:
             title
             for title, text in first.items()
             if re.fullmatch(r"\d{1,2}:\d\d(:\d\d)?( ?[AaPp][Mm])?", text)
-            or (_OF_DAY.search(title) and all(re.fullmatch(r"\d|[01]\d|2[0-4]", text) for text in table.texts(title)))
+            or (_OF_DAY.search(title) and all(re.fullmatch(r"\d|([01]\d|2[0-4])([0-5]\d)?", text) for text in table.texts(title)))
         ),
         None,
     )

@@ -28,12 +28,11 @@ USUAL_PRICES: Final = {"kwh": (0.004, 2.0), "m3": (0.03, 10.0)}
 """Range in which the mean of a price [EUR for each] usually is. Beyond it a factor of 1,000 is likely: EUR/MWh taken for EUR/kWh."""
 _AMOUNTS: Final = {
     "MWh": ("kWh", 1e-3), "kWh": ("kWh", 1.0), "GJ": ("kWh", 0.0036), "MJ": ("kWh", 3.6),
-    "m3": ("m3", 1.0), "kg": ("kg", 1.0), "t": ("kg", 1e-3),
-    "mol": ("mol", 1.0),
+    "m3": ("m3", 1.0), "kg": ("kg", 1.0), "t": ("kg", 1e-3), "mol": ("mol", 1.0),
 }  # fmt: skip
 """Amounts that prices are for: the amount that a table may use, and the factor from this one to that."""
 _UNIT: Final = re.compile(
-    r"(?<![A-Za-z])(?:(?:EUR|€)(?=c))?(?P<money>EUR|€|Euro?s?|ct|cent|cts|[A-Z]{3})(?:\s*(?:/|\bper\b|\bpro\b)\s*|\s+)"
+    r"(?<![A-Za-z])(?:(?:EUR|€)(?=c))?(?P<money>EUR|[€$£]|Euro?s?|c€|ct|cent|cts|c(?=/)|[A-Z]{3})(?:\s*(?:/|\bper\b|\bpro\b)\s*|\s+)"
     r"(?P<amount>MWh|kWh|GJ|MJ|m-?3|m³|kg|t|mol)\b(?:-1)?",
     re.IGNORECASE,
 )
@@ -252,13 +251,13 @@ def _conversion(table: outside.TextTable, title: str, unit: object, file_unit: o
         return 1.0, str(unit), ""
     if unit is None:
         table.refuse(f'the file is in {visible(match[0])}, and the price table has no unit: write unit = "EUR kWh-1" in it.')
-    money = {"€": "EUR", "EURO": "EUR", "EUROS": "EUR", "CT": "EUR", "CTS": "EUR", "CENT": "EUR"}
-    cents = match["money"].upper() in ("CT", "CTS", "CENT")
+    cents = ("C", "C€", "CT", "CTS", "CENT")
+    money = {"€": "EUR", "EURO": "EUR", "EUROS": "EUR", "$": "USD", "£": "GBP", **dict.fromkeys(cents, "EUR")}
     currency = money.get(match["money"].upper(), match["money"].upper())
     amounts = {name.lower(): entry for name, entry in _AMOUNTS.items()}
     amount, factor = amounts[_amount(match)]
     table_amount, table_factor = amounts[_amount(target)] if target else ("", 1.0)
     if target is None or money.get(target["money"].upper(), target["money"].upper()) != currency or table_amount != amount:
         table.refuse(f"its prices are in {visible(match[0])}, which cannot become {visible(str(unit))}. {_PLAIN_FILE}")
-    total = factor / table_factor * (0.01 if cents else 1.0)
+    total = factor / table_factor * (0.01 if match["money"].upper() in cents else 1.0)
     return total, str(unit), "" if total == 1.0 else f"{visible(match[0])} converted to {unit}"

@@ -52,7 +52,7 @@ _SPELLINGS: Mapping[str, str] = {
     "w/m^2": "W/m2", "w.m-2": "W/m2", "jcm-2": "J/cm2", "j/cm^2": "J/cm2", "whm-2": "Wh/m2", "wh/m^2": "Wh/m2", "kjm-2": "kJ/m2",
     "mjm-2": "MJ/m2", "okta": "octants", "oktas": "octants", "octas": "octants", "1/8": "octants", "umolm-2s-1": "umol/m2/s",
     "umol/m2s": "umol/m2/s", "gradenc": "degC", "graden": "degC", "grc": "degC", "j/cm2/uur": "J/cm2/h", "j/cm2h": "J/cm2/h",
-    "km/uur": "km/h", "w": "W/m2", "watt": "W/m2", "w/m": "W/m2", "ms": "m/s",
+    "km/uur": "km/h", "w": "W/m2", "watt": "W/m2", "w/m": "W/m2", "ms": "m/s", "meters/second": "m/s",
 }  # fmt: skip
 """Other spellings of units, in lower case, without spaces and degree signs, with a plain 2 and u."""
 TIME_COLUMNS: Mapping[str, Literal["end", "start"]] = {"slot_end [UTC]": "end", "slot_start [UTC]": "start"}
@@ -71,16 +71,16 @@ _GUESSES: Mapping[str, tuple[str, str]] = {
         r"\brv\b|\brh\b|rv.?bui|rel.*hum|humid|vocht|feucht(?!e?.?(temp|kugel|therm))|humed|hygrom|^hr.?(ext|out|rel)|\bhum(\b|out|ext)",
         rf"{_INSIDE}|abs|defi[cz]it|vpd|\bvd\b",
     ),
-    "wind_speed": (r"wind|\bwsn|vent\b|viento|^ws$", rf"{_INSIDE}|dir|richt[iu]ng|gust|stoot|window|luwe|raam|zijde|(?<!out)side|roof|lee"),
+    "wind_speed": (r"wind|\bws(n|\b)|vent\b|viento", rf"{_INSIDE}|dir|richt[iu]ng|gust|stoot|window|luwe|raam|zijde|(?<!out)side|roof|lee"),
     "sky_infrared": (r"pyrgeo|long.?wave|infrared|langwel", rf"{_INSIDE}|net|up"),
     "sky_temperature": (r"sky.?temp|hemeltemp", _INSIDE),
     "cloud_cover": (r"cloud|bewolk|wolken|nubos|\boctants\b", _INSIDE),
     "global_radiation": (
-        r"straling|radiation|strahlung|solar|pyrano|glob|\bghi\b|irradi|rayonn|radiaci|^rad$|^sun|zon",
+        r"straling|radiation|strahlung|solar|pyrano|glob|\bghi\b|irradi|rayonn|radiaci|^rad$|^slr|^sun|zon",
         rf"{_INSIDE}|uitstraling|\bnet|long|diff|direct|\bdni\b|\bdhi\b",
     ),
     "air_temperature": (
-        r"temp|tair|tout|\bt (air|out)|t.?bui|^t$|\bta\b|dry.?bulb",
+        r"temp|tair|airtc|tout|\bt (air|out)|t.?bui|^t$|\bta\b|dry.?bulb",
         rf"{_INSIDE}|dauw|dew|\bwet(?!ter)|natte|feucht|sky|hemel",
     ),
 }
@@ -386,7 +386,7 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
     clock = "Europe/Amsterdam" if ahead is None else f"Etc/GMT{-ahead:+d}"
     columns = ColumnMap(
         time=time,
-        stamps="end" if stamps.ends else "start",
+        stamps="end" if stamps.ends or "TOA5" in "".join(table.preamble[:1]) else "start",
         clock="UTC" if stamps.zoned or outside.says_utc(" ".join(time)) else clock,
         dates=stamps.order,
         decimal=cast(Any, table.decimal),

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from glbench.cli.app import app
 from glbench.errors import WeatherError
+from glbench.outside_tables import stamp_in
 from glbench.weather import guess_column_map, load_weather, read_columns, read_weather, write_column_map
 from glbench.weather.column_map import guess_quantity
 from glbench.weather.store import write_csv
@@ -217,6 +218,7 @@ def test_titles_that_do_not_say_outside_are_to_be_checked(tmp_path: Path) -> Non
         (lambda hour: f"13-02-2024;{hour + 1:02d}:00", "2024-02-12 23:00"),
         (lambda hour: f"13-feb-24;{hour}:00", "2024-02-12 23:00"),
         (lambda hour: f"13 februari 2024;{hour}:00", "2024-02-12 23:00"),
+        (lambda hour: f"13-02-2024;{hour:02d}00", "2024-02-12 23:00"),
     ],
 )
 def test_hours_may_be_numbered_or_end_at_24_and_months_be_words(tmp_path: Path, stamp: Callable[[int], str], begin: str) -> None:
@@ -226,6 +228,38 @@ def test_hours_may_be_numbered_or_end_at_24_and_months_be_words(tmp_path: Path, 
     record = read_columns(path, columns, coordinates=(52.0, 4.5, 0.0))
     assert record.period == f"{begin} to 2024-02-13 23:00 UTC"
     np.testing.assert_allclose(record.values("air_temperature"), np.arange(24.0))
+
+
+@pytest.mark.parametrize("month", ["ene", "enero", "1-ene-24 00:00", "ENE", "1. Mrz 2024 0:00"])
+def test_months_in_words_of_more_languages(month: str) -> None:
+    match = stamp_in(month if "24" in month else f"1 {month} 2024")
+    assert match is not None
+    assert match["date"] == ("2024-3-1" if "Mrz" in month else "2024-1-1")
+
+
+def test_hours_of_a_spanish_export_are_numbered(tmp_path: Path) -> None:
+    rows = [f"13/02/2024;{hour + 1};{hour};90;2;0" for hour in range(24)]
+    path = export(tmp_path, "Fecha;Hora;Temp exterior [°C];HR exterior [%];Viento [m/s];Radiación exterior [W/m2]", rows)
+    columns, _, _ = guess_column_map(path)
+    assert columns.time == ("Fecha", "Hora")
+    np.testing.assert_allclose(read_columns(path, columns, coordinates=(37.0, -2.4, 150.0)).values("air_temperature"), np.arange(24.0))
+
+
+@pytest.mark.parametrize("quote", ['"', ""])
+def test_the_file_of_a_campbell_logger_has_units_below_its_titles_and_what_is_averaged_below_them(tmp_path: Path, quote: str) -> None:
+    def line(*fields: str) -> str:
+        return ",".join(f"{quote}{field}{quote}" for field in fields)
+
+    names = line("TIMESTAMP", "RECORD", "AirTC_Avg", "RH", "SlrW_Avg", "WS_ms_Avg")
+    above = [names, line("TS", "RN", "Deg C", "%", "W/m^2", "meters/second"), line("", "", "Avg", "Smp", "Avg", "Avg")]
+    rows = [f"{line(f'2024-02-13 {hour:02d}:00:00')},{hour},{hour},90,100,5" for hour in range(24)]
+    path = export(tmp_path, line("TOA5", "Kas1", "CR1000X", "1234", "CR1000X.Std.03.02", "CPU:kas.CR1X", "4711", "Hour"), [*above, *rows])
+    columns, _, unused = guess_column_map(path)
+    assert (columns.stamps, unused) == ("end", ["RECORD [RN]"])
+    record = read_columns(path, columns, coordinates=(52.0, 4.5, 0.0))
+    assert record.period == "2024-02-12 22:00 to 2024-02-13 22:00 UTC"
+    np.testing.assert_allclose(record.values("air_temperature"), np.arange(24.0))
+    np.testing.assert_allclose([record.values(name)[5] for name in ("global_radiation", "wind_speed")], [100.0, 5.0])
 
 
 def test_errors_in_cells_are_missing_values(tmp_path: Path) -> None:
