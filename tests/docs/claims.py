@@ -801,6 +801,13 @@ def less_by_step(on: str) -> tuple[float, float, float]:
     return less(effect_of("draw", on))
 
 
+def worst_of_true_sensors() -> float:
+    """What predictive control loses most in a run when the sensors of the default task are true [EUR m-2]."""
+    cells = played_factors()["real"]["cells"]
+    erring, exact = (np.array(cells[f"real.{name}"]["agents"]["mpc"]["values"][0]) for name in ("centre", "sensors-true"))
+    return float((erring - exact).max())
+
+
 def effect_of(change: str, on: str, base: str = "spring") -> tuple[float, float, float]:
     """What an agent or a difference gains from a change, named by its beginning [EUR m-2], with its interval."""
     (effect,) = (one for one in played_factors()[base]["effects"] if one["on"] == on and one["effect"].startswith(change))
@@ -840,6 +847,19 @@ CLAIMS: dict[str, list[Claim]] = {
                 len(played_factors()["real"]["effects"]),
                 sum(len(cell["pairs"]) for cell in played_factors()["real"]["cells"].values()),
             ),
+        ),
+        (
+            "It earns {} ({} to {}) more than PPO without memory, and {} ({} to {}) more than PPO with one.",
+            lambda: (*in_cell("centre", "mpc - ppo", "real"), *in_cell("centre", "mpc - ppo_memory", "real")),
+        ),
+        ("Nor is its lead over the rules in the centre ({}, {} to {});", lambda: in_cell("centre", "mpc - rules", "real")),
+        (
+            "it earns {} less with true sensors than with erring ones, so the cell says little about it ({}, {} to {}).",
+            lambda: (worst_of_true_sensors(), *effect_of("sensors", "mpc", "real")),
+        ),
+        (
+            "The higher price costs the rules {} ({} to {}), and predictive control, in its 10 runs, {} ({} to {}).",
+            lambda: (*less(effect_of("price", "rules", "real")), *less(effect_of("price", "mpc", "real"))),
         ),
         (
             "The rules earn {} ({} to {}) more; in `Spring-v1` it was {}.",
