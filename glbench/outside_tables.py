@@ -270,7 +270,7 @@ def split_table(
     except csv.Error as error:
         msg = f"{file} cannot be split into columns: a quotation mark is never closed, or a field is too long. Correct the file."
         raise refusal(msg) from error
-    if parsed and parsed[0][1][0] == "TOA5":  # of a Campbell logger; below the units it says which values are means
+    if len(parsed) > 3 and parsed[0][1][0] == "TOA5" and not _holds_values(parsed[3][1]):  # Avg, Smp: what a Campbell logger averaged
         del parsed[3:4]
     first = _first_titles(parsed, is_titles)
     if first is None:

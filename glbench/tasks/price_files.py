@@ -32,7 +32,7 @@ _AMOUNTS: Final = {
 }  # fmt: skip
 """Amounts that prices are for: the amount that a table may use, and the factor from this one to that."""
 _UNIT: Final = re.compile(
-    r"(?<![A-Za-z])(?:(?:EUR|€)(?=c))?(?P<money>EUR|[€$£]|Euro?s?|c€|ct|cent|cts|c(?=/)|[A-Z]{3})(?:\s*(?:/|\bper\b|\bpro\b)\s*|\s+)"
+    r"(?<![A-Za-z])(?:(?:EUR|€)(?=c))?(?P<money>EUR|[€$£]|Euro?s?|c€|ct|cent|cts|(?<=[€R])c|[A-Z]{3})(?:\s*(?:/|\bper\b|\bpro\b)\s*|\s+)"
     r"(?P<amount>MWh|kWh|GJ|MJ|m-?3|m³|kg|t|mol)\b(?:-1)?",
     re.IGNORECASE,
 )
@@ -73,7 +73,6 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
     """Prices of a file in the ``unit`` of a price table.
 
     Raises ``TaskError`` when the file is not one of prices; names row, column and value.
-
     ``path`` may also be a ``.zip`` or ``.gz`` with one table inside. ``unit`` is that of the table, such as ``EUR kWh-1``; ``None``, of a
     table without one, is refused. ``clock`` is the IANA zone of stamps without an offset; by default UTC, or that of an exchange where the
     title says CET/CEST. ``column`` is the title of the column of prices, where there are several, ``file_unit`` the unit of the file's
@@ -259,5 +258,6 @@ def _conversion(table: outside.TextTable, title: str, unit: object, file_unit: o
     table_amount, table_factor = amounts[_amount(target)] if target else ("", 1.0)
     if target is None or money.get(target["money"].upper(), target["money"].upper()) != currency or table_amount != amount:
         table.refuse(f"its prices are in {visible(match[0])}, which cannot become {visible(str(unit))}. {_PLAIN_FILE}")
-    total = factor / table_factor * (0.01 if match["money"].upper() in cents else 1.0)
+    hundredths = (match["money"].upper() in cents) - (target["money"].upper() in cents)
+    total = factor / table_factor * 0.01**hundredths
     return total, str(unit), "" if total == 1.0 else f"{visible(match[0])} converted to {unit}"

@@ -218,7 +218,9 @@ def test_an_export_with_decimal_commas_and_a_currency_sign(tmp_path: Path, encod
         ("€/GJ", KWH, 0.144),
         ("EURct/kWh", KWH, 0.4),
         ("€ct per kWh", KWH, 0.4),
-        *((f"{cents}/kWh", KWH, 0.4) for cents in ("c€", "€c", "c")),
+        *((f"{cents}/kWh", KWH, 0.4) for cents in ("c€", "€c", "EURc")),
+        ("ct/kWh", "ct kWh-1", 40.0),
+        ("EUR/MWh", "ct kWh-1", 4.0),
         ("$/MWh", "USD kWh-1", 0.04),
         ("Price [£/MWh]", "GBP kWh-1", 0.04),
         ("EUR kWh-1", KWH, 40.0),
@@ -231,6 +233,11 @@ def test_an_export_with_decimal_commas_and_a_currency_sign(tmp_path: Path, encod
 def test_units_are_converted_to_that_of_the_table(tmp_path: Path, title: str, unit: str, expected: float) -> None:
     prices = prices_of(tmp_path, f"time,{title}\n2010-01-01T00:00Z,40\n2010-01-01T01:00Z,40\n", unit=unit)
     np.testing.assert_allclose(prices.prices, expected)
+
+
+def test_cents_of_an_unnamed_currency_are_not_taken_for_euros(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match="has no unit of prices"):
+        prices_of(tmp_path, "time,Price c/kWh,mean\n2010-01-01T00:00Z,40,1\n2010-01-01T01:00Z,40,1\n", column="Price c/kWh")
 
 
 def test_hours_without_a_price_are_named(tmp_path: Path) -> None:

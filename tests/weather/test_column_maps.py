@@ -260,6 +260,9 @@ def test_the_file_of_a_campbell_logger_has_units_below_its_titles_and_what_is_av
     assert record.period == "2024-02-12 22:00 to 2024-02-13 22:00 UTC"
     np.testing.assert_allclose(record.values("air_temperature"), np.arange(24.0))
     np.testing.assert_allclose([record.values(name)[5] for name in ("global_radiation", "wind_speed")], [100.0, 5.0])
+    kept = path.read_text().splitlines()
+    path.write_text("\n".join(kept[:3] + kept[4:]))  # somebody deleted the line of what is averaged: no row of values goes with it
+    np.testing.assert_array_equal(read_columns(path, columns, coordinates=(52.0, 4.5, 0.0)).values("air_temperature"), np.arange(24.0))
 
 
 def test_errors_in_cells_are_missing_values(tmp_path: Path) -> None:
